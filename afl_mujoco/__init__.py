@@ -82,7 +82,7 @@ _HOMES = {
     ),
     "simulation.mujoco_model": ("CartPoleModel",),
     "simulation.mujoco_rollout": ("simulate_mujoco",),
-    "simulation.ode": ("simulate_ode",),
+    "simulation.simulate": ("simulate_ode",),
     "simulation.ode_fixed_step": ("simulate_ode_held", "simulate_ode_rk4"),
     "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),

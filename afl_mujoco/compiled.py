@@ -117,6 +117,14 @@ def borrowing_kernel(function: Callable[..., Any]) -> Any:
     return _compiled(function, _nrt=False)
 
 
+def inlined_kernel(function: Callable[..., Any]) -> Any:
+    """Compile a function as `borrowing_kernel` does, into each function that calls it.
+
+    What is called in every step has many arrays, and to hand them over takes longer than its work.
+    """
+    return _compiled(function, _nrt=False, forceinline=True)
+
+
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return a compiled function whose code is kept on disk."""
     dispatcher: Any = njit(nogil=True, error_model="numpy", **options)(function)
@@ -164,8 +172,20 @@ def _store(typingctx: Any, address: Any, value: Any) -> Any:
     return types.void(types.int64, types.float64), generate
 
 
+def _pointer(typingctx: Any, address: Any) -> Any:
+    """Return `address` as a pointer."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
+
+    return types.voidptr(types.int64), generate
+
+
 load: Any = intrinsic(_load)
 """Compiled code only: ``load(address)`` is the double at `address`."""
 
 store: Any = intrinsic(_store)
 """Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""
+
+pointer: Any = intrinsic(_pointer)
+"""Compiled code only: ``pointer(address)`` is what numba's `carray` takes."""

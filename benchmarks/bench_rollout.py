@@ -54,7 +54,7 @@ def loop(scenario: Scenario, integrator: str) -> Callable[[], object]:
     """Return a call of the compiled loop alone, everything it needs prepared."""
     model = CartPoleModel(scenario.parameters_at(0.0), timestep=TIMESTEP, integrator=integrator)
     timing = timing_of(scenario, model, timestep=TIMESTEP)
-    prepared = prepare(scenario, CONTROLLER, timing)
+    prepared = prepare(model, scenario, CONTROLLER, timing)
     return lambda: perform(model, prepared, CONTROLLER, record=True)
 
 

@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from afl_mujoco.control.scheduled import ANGLES, slope_at
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
-from afl_mujoco.scenario.parameters import STATE
-from afl_mujoco.scenario.requirements import BANDS, PEAKS, REQUIREMENTS, Requirements
+from afl_mujoco.scenario.requirements import Requirements, asked_of, bands_of
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.registry import studies
 from afl_mujoco.studies.robustness import COMBINED, RAIL, added
@@ -206,17 +206,18 @@ def fields_table() -> str:
 
 
 def requirements_table() -> str:
-    """Return the fields of `Requirements`: key, unit, default, meaning."""
-    said = _attributes(Requirements)
-    several = {
-        "max": ", ".join(dict.fromkeys(REQUIREMENTS[name].unit for name in PEAKS)),
-        "bands": ", ".join(STATE[name] for name in BANDS),
-    }
+    """Return the fields of `Requirements`: key, unit and default for the cart-pole, meaning."""
+    said, asked = _attributes(Requirements), asked_of(CART_POLE)
+    defaults = {"bands": bands_of(CART_POLE), "ends_at": CART_POLE.ends_at}
+    named = {way: [key for key in asked if key.startswith(f"{way}.")] for way in ("max", "min")}
+    every = [f"max.{name}" for name in CART_POLE.coordinates]
+    named |= {"target": every, "ends_at": every, "bands": every}
     rows = []
     for field in fields(Requirements):
-        unit = "–" if isinstance(field.default, bool) else several.get(field.name)
-        default = _default(BANDS if field.name == "bands" else field.default)
-        unit = unit or REQUIREMENTS[field.name].unit
+        keys = named.get(field.name, [field.name])
+        units = dict.fromkeys(asked[key].unit for key in keys if key in asked)
+        unit = "–" if isinstance(field.default, bool) else ", ".join(units)
+        default = _default(defaults.get(field.name, field.default))
         rows.append((f"`{field.name}`", unit, default, said[field.name]))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.catalogue import LABORATORY
-from afl_mujoco.scenario.ranges import HARDWARE, SETTINGS, Range, Ranges
+from afl_mujoco.scenario.ranges import Range, Ranges, hardware_of, settings_of
 from afl_mujoco.scenario.sample_space import SampleSpace
 
 
@@ -21,10 +22,13 @@ def near_laboratory(
     """The laboratory with other ranges or settings, or other imperfections that vary."""
     varied = dict(LABORATORY.ranges.varied)
     if imperfections is not None:
-        varied = {n: r for n, r in varied.items() if n not in HARDWARE} | dict(imperfections)
+        varied = {n: r for n, r in varied.items() if n not in hardware_of(CART_POLE)} | dict(
+            imperfections
+        )
     table = {**LABORATORY.ranges.table, **changes}
-    settings = {n: table[n] for n in SETTINGS if n in table}
-    varied |= {n: r for n, r in changes.items() if n not in SETTINGS}
+    known = settings_of(CART_POLE)
+    settings = {n: table[n] for n in known if n in table}
+    varied |= {n: r for n, r in changes.items() if n not in known}
     scenario = replace(
         LABORATORY,
         duration=duration,

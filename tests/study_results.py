@@ -63,7 +63,7 @@ def monte_carlo() -> montecarlo.Result:
 @cache
 def attraction() -> attraction_study.Result:
     axes = np.linspace(-1.0, 1.0, 5), np.linspace(-2.0, 2.0, 3)
-    return attraction_study.run(attraction_study.Request(SHORT, USED, *axes))
+    return attraction_study.run(attraction_study.Request(SHORT, USED, ("phi", "phi_dot"), *axes))
 
 
 @cache

@@ -183,7 +183,7 @@ def make_curves(
         time=time,
         cart_mass=scenario.cart_mass(time),
         half_length=scenario.half_length(time),
-        push=scenario.pushes(time),
+        push=scenario.pushes(time).sum(axis=1),
         states=states,
         forces={name: force[: len(x)] for name, x in states.items()},
     )

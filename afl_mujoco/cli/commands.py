@@ -332,12 +332,15 @@ class Simulate(_Deployed):
         from afl_mujoco.scenario.sample_space import NOISE_DRAWS
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.judgement import remarks_on
-        from afl_mujoco.simulation.metrics import UNITS, metrics
+        from afl_mujoco.simulation.linear import bound
+        from afl_mujoco.simulation.metrics import in_order, metrics
+        from afl_mujoco.simulation.remarks import remarks_on
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+        from afl_mujoco.simulation.trajectory import Layout
         from afl_mujoco.studies.run import run_of
         from afl_mujoco.studies.tables import how, metrics_matrix, requirements_matrix
 
+        controller = bound(controller, scenario)
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
         own = replace(self, timestep=timestep, integrator=integrator)
@@ -356,8 +359,10 @@ class Simulate(_Deployed):
         if self.page:
             others.insert(0, f"{stem}.png")
             save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
-        scales = nominal_scales(timestep or LONGEST_STEP)
-        figures = [with_objective(metrics(scenario, controller, run), scales) for run in runs]
+        figures = [metrics(scenario, controller, run) for run in runs]
+        if scenario.is_cart_pole:
+            scales = nominal_scales(timestep or LONGEST_STEP)
+            figures = [with_objective(one, scales) for one in figures]
         digits = 3 if scenario.imperfections.drawn else 6
         run = run_of(scenario, controller, runs[0])
         remarks = [f"- {remark}" for remark in remarks_on(runs[0], scenario, controller)]
@@ -365,7 +370,9 @@ class Simulate(_Deployed):
             remarks.append(f"- draw 1 of {NOISE_DRAWS}: afl-mujoco compare runs them all")
         by_simulator = {one.simulator: [figure] for one, figure in zip(runs, figures, strict=True)}
         blocks: list[Block] = [
-            metrics_matrix(by_simulator, [n for n in UNITS if n in figures[0]], digits=digits),
+            metrics_matrix(
+                by_simulator, in_order(figures[0]), digits=digits, layout=Layout.of(scenario)
+            ),
             requirements_matrix(scenario, {controller.name: [run]}, {}),
             *(["\n".join(remarks)] if remarks else []),
         ]

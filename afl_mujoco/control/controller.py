@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
@@ -12,11 +13,13 @@ from afl_mujoco.compiled import kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 
-AFL, LINEAR, PARTIAL = 0, 1, 2
+AFL, LINEAR, PARTIAL, AFFINE = 0, 1, 2, 3
 """Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state
-feedback ``u = -k x`` through the input map (L1)."""
+feedback ``u = -k x`` through the input map (L1); and, of any plant, ``u = u0 - K (x - target)``."""
 
 
 class CompiledController(NamedTuple):
@@ -114,23 +117,30 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 
 
 @kernel
-def force_from_inputs(kind, state, inputs):
-    """Return the force [N] from gains already looked up, equal to `compiled_force` bit for bit."""
+def force_from_inputs(kind, state, inputs, out):
+    """Write the inputs [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
-        return afl_force(state, inputs)
-    return _feedback_force(
-        kind, state[0], state[1], state[2], state[3],
-        (inputs[0], inputs[1], inputs[2], inputs[3]), (inputs[4], inputs[5], inputs[6], inputs[7]),
-    )  # fmt: skip
+        out[0] = afl_force(state, inputs)
+    elif kind == AFFINE:  # a row holds u0 (k), the rows of K (k, 2n), and the target (2n)
+        k, states = len(out), len(state)
+        for i in range(k):
+            out[i] = inputs[i]
+            for j in range(states):
+                away = state[j] - inputs[k + k * states + j]
+                out[i] -= inputs[k + i * states + j] * away
+    else:
+        out[0] = _feedback_force(
+            kind, state[0], state[1], state[2], state[3],
+            (inputs[0], inputs[1], inputs[2], inputs[3]),
+            (inputs[4], inputs[5], inputs[6], inputs[7]),
+        )  # fmt: skip
 
 
 @kernel
-def forces_along(kind, states, inputs):
-    """Return the force at each of many states, shape (N,)."""
-    forces = np.empty(len(states))
+def forces_along(kind, states, inputs, out):
+    """Write the inputs at each of many states, shape (N, k)."""
     for i in range(len(states)):
-        forces[i] = force_from_inputs(kind, states[i], inputs[i])
-    return forces
+        force_from_inputs(kind, states[i], inputs[i], out[i])
 
 
 @kernel
@@ -171,6 +181,8 @@ class Controller(Protocol):
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
+    plant
+        What it controls: the cart-pole, unless it says otherwise.
     interpreted, not_compiled
         Whether it is called by the interpreter, through `command`; why it has no compiled form.
     estimates
@@ -179,6 +191,7 @@ class Controller(Protocol):
 
     name: str
     belief: CartPoleParameters | None
+    plant: Plant = CART_POLE
     interpreted: ClassVar[bool] = False
     not_compiled: ClassVar[str] = ""
     estimates: ClassVar[bool] = False
@@ -240,6 +253,22 @@ class Controller(Protocol):
             return cart_mass, pole_mass, half_length, gravity
         return b.cart_mass, b.pole_mass, b.half_length, b.gravity
 
+    def assumed_values(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what the controller assumes of the parameters, shape (parameters,)."""
+        if self.plant.states != CART_POLE.states:
+            return values
+        return np.array(self.assumed_parameters(*values.tolist()))
+
+    def nodes_within(
+        self, spans: Mapping[str, tuple[float, float]]
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return the values of true parameters at which its gains are not smooth, by name."""
+        if self.plant.states != CART_POLE.states:
+            return {}
+        (pole_mass, _), (gravity, _) = spans["pole_mass"], spans["gravity"]
+        plants = PlantRange(spans["cart_mass"], spans["half_length"], pole_mass, gravity)
+        return dict(zip(("cart_mass", "half_length"), self.nodes(plants), strict=True))
+
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
         """Return the force [N] at one state, from the compiled controller.
 
@@ -286,6 +315,14 @@ class Controller(Protocol):
             assumed[..., 0], assumed[..., 2] = masses, half_length
         return assumed
 
+    def inputs_for(self, plant: Plant, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the inputs of the controller for rows of told parameters, shape (N, numbers)."""
+        if plant.states != CART_POLE.states:
+            rule = f"is of the cart-pole; for plant {plant.name!r} use lqr, or your own"
+            raise InvalidValueError(f"controller {self.name!r}", rule)
+        mass, pole_mass, length, gravity = values.T
+        return self.inputs_along_run(mass, length, float(pole_mass[0]), float(gravity[0]))
+
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
@@ -307,11 +344,13 @@ class Controller(Protocol):
     ) -> NDArray[np.float64]:
         """Return the force [N] at each of N states, shape (N, 4); NaN outside its domain.
 
-        Inputs are those of `inputs_along_run`; only a Python controller uses the times [s].
+        Inputs are those of `inputs_for`; only a Python controller uses the times [s]. Of several
+        inputs, shape (N, k).
         """
-        return np.asarray(
-            forces_along(self.kind, np.ascontiguousarray(states), np.ascontiguousarray(inputs))
-        )
+        found = np.empty((len(states), len(self.plant.inputs)))
+        rows = np.ascontiguousarray(states), np.ascontiguousarray(inputs)
+        forces_along(self.kind, *rows, found)
+        return found[:, 0] if found.shape[1] == 1 else found
 
     def saturation_ratio(
         self, states: NDArray[np.float64], inputs: NDArray[np.float64]

@@ -18,6 +18,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -26,6 +27,8 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.loading import import_from
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive, require_type
 
@@ -226,6 +229,7 @@ class PythonController(Controller):
     # how long the first call of a run may take [s], if that is more: a library may compile then.
     # After one that took longer, a process waits no more than `call_limit`
     first_call_limit: float = FIRST_CALL_LIMIT
+    plant: Plant = CART_POLE  # what it controls
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
     not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"
@@ -257,13 +261,15 @@ class PythonController(Controller):
         plain = not self.stateful or makes_controllers(self.function)
         return "" if plain else why_it_remembers(self.function)
 
-    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
-        """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
-        mass, pole_mass, length, gravity = (float(x) for x in assumed)
-        belief = CartPoleParameters(
-            cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
-        )
-        phi = float(np.asarray(state)[1])
+    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> Any:
+        """Return the force [N] at a state and assumed parameters, NaN where it has none.
+
+        Of a plant with several inputs, shape (k,).
+        """
+        cart_pole = self.plant.states == CART_POLE.states
+        given = dict(zip(self.plant.parameters, map(float, assumed), strict=True))
+        belief: Any = CartPoleParameters(**given) if cart_pole else SimpleNamespace(**given)
+        falling = cart_pole and not abs(float(np.asarray(state)[1])) < 0.5 * np.pi
         limit, kind = self.call_limit, ""
         if not self.called and self.first_call_limit > limit and self._known_as not in _hung:
             limit, kind = self.first_call_limit, " its first call"
@@ -282,16 +288,18 @@ class PythonController(Controller):
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            if not abs(phi) < 0.5 * np.pi:  # an integrator's stage or sensor noise may lead there
+            if falling:  # an integrator's stage or sensor noise may lead there
                 return math.nan
             rule = f"raised {type(error).__name__} at t = {time:g} s: {told(error)}"
             if isinstance(error, AttributeError) and error.obj is belief:
-                rule += f"; belief has {', '.join(one.name for one in fields(belief))}"
+                rule += f"; belief has {', '.join(given)}"
             raise ControllerError(f"controller {self.name!r}", rule) from error
+        k = len(self.plant.inputs)
         try:
-            return _as_float(value)
+            return _as_float(value) if k == 1 else _as_floats(value, k)
         except Exception:  # of any library
-            rule = f"must return one number at t = {time:g} s"
+            words = "one number" if k == 1 else f"{k} numbers ({', '.join(self.plant.inputs)})"
+            rule = f"must return {words} at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule, _seen(value)) from None
 
     @property
@@ -303,13 +311,19 @@ class PythonController(Controller):
         """Return the force [N] at one state, NaN where it has none; see `Controller.force`."""
         p = truth
         assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        return self.command(time, state, np.array(assumed))
+        return float(self.command(time, state, np.array(assumed)))
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
     ) -> NDArray[np.float64]:
         """Return the inputs along a run: the assumed (M, m, l, g), shape (..., 4)."""
         return self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
+
+    def inputs_for(self, plant: Plant, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the inputs: what is assumed of the parameters, in rows."""
+        if plant.states == CART_POLE.states:
+            return Controller.inputs_for(self, plant, values)
+        return values
 
     def forces(
         self,
@@ -320,7 +334,7 @@ class PythonController(Controller):
         """Return the force [N] at each of many states; see `Controller.forces`."""
         clock_times = np.zeros(len(states)) if times is None else times
         rows = zip(clock_times.tolist(), states, inputs, strict=True)
-        return np.array([self.command(*row) for row in rows])
+        return np.array([self.command(*row) for row in rows], dtype=np.float64)
 
     def __reduce__(self) -> Any:
         """Pickle a controller that was loaded by name by that name."""
@@ -359,6 +373,15 @@ def _as_float(value: Any) -> float:
     if array.dtype.kind not in "OV" or isinstance(element, _NO_NUMBERS):
         raise TypeError
     return float(element)
+
+
+def _as_floats(value: Any, count: int) -> NDArray[np.float64]:
+    """Return numbers from a sequence, an array or a tensor of any library, or raise."""
+    detach = getattr(value, "detach", None)
+    array = np.asarray(detach() if callable(detach) else value)
+    if array.size != count or array.dtype.kind not in "fiu":
+        raise ValueError
+    return array.astype(np.float64).reshape(count)
 
 
 def _seen(value: Any) -> str:

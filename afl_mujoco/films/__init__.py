@@ -1,1 +1,1 @@
-"""Films of runs: MuJoCo's cart-pole, mutated as it runs, with the ideal ODE as a ghost."""
+"""Films of runs: a plant in MuJoCo, mutated as it runs, with the ideal ODE as a ghost."""

@@ -81,6 +81,7 @@ def follow(replay: Replay, fps: int, size: tuple[int, int], frame: Frame) -> Cam
     At the chosen distance the longest pole of the film fits at any angle. The position is that of
     the cart averaged over about a second, limited so that the cart does not leave the frame.
     """
+    assert replay.ideal is not None  # a cart-pole has equations
     cart, ghost = replay.state[:, 0], replay.ideal[:, 0]
     low, high = _extent(replay.state, replay.half_length)
     other_low, other_high = _extent(replay.ideal, replay.half_length)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,10 +22,12 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame, follow
-from afl_mujoco.films.replay import Replay
+from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame
+from afl_mujoco.films.replay import Replay, labelled
 from afl_mujoco.films.scene import GHOST, open_scene
+from afl_mujoco.films.standpoint import Standpoint
 from afl_mujoco.report.style import colours
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
 
 Picture = NDArray[np.uint8]
@@ -34,6 +37,7 @@ QUIET: Rgb = (164, 172, 186)
 WARNING: Rgb = (255, 176, 102)
 POLE: Rgb = (217, 115, 38)
 DIVIDER: Rgb = (70, 80, 98)
+LIMIT = "#ffb066"
 TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 """Gradient behind the scene, that of the sky of ``models/scene.xml``."""
 
@@ -42,6 +46,9 @@ DESIGN = (1280, 720)  # size of the picture for which the sizes of letters are g
 SMALLEST_LETTER = 10
 BESIDE, PART_LETTERS = Frame(top=0.16, bottom=0.30, foot=0.21), 0.8
 """Where cart-poles stay in a part of a picture, and the size of letters there."""
+
+MOST_CURVES, LETTER = 12, 0.62
+"""Most curves of another plant than the cart-pole, and the width of a letter over its height."""
 
 PLOT_HEIGHT = 360
 """Height of plots for which the sizes of their letters and lines are given [px], at 100 dpi."""
@@ -96,7 +103,6 @@ def frames(
     part = size if alone else (2 * (width // 4), 2 * (height // 4))
     s = min(width / DESIGN[0], height / DESIGN[1]) * (1.0 if alone else PART_LETTERS)
     frame = Frame() if alone else BESIDE
-    paths = [follow(replay, fps, part, frame) for replay in replays]
     places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     left = 0 if two else part[0]
     plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
@@ -106,8 +112,9 @@ def frames(
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
     behind[0] = write(behind[0], [subtitle])
     corner = min(1, len(replays) - 1)
-    behind[corner] = write(behind[corner], _legend(held, alone, part[0], s))
+    behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], s))
     with open_scene(replays[0], part) as scene:
+        paths = scene.paths(replays, fps, part, frame)
         for index in indices:
             picture = np.zeros((height, width, 3), np.uint8)
             for replay, path, back, (y, x) in zip(replays, paths, behind, places, strict=False):
@@ -147,10 +154,13 @@ def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(folder / f"DejaVuSans{'Mono' if mono else ''}.ttf", size)
 
 
-def _legend(held: str, alone: bool, width: int, s: float) -> list[Text]:
+def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> list[Text]:
     """Return what the colours mean, and how the controllers of several runs are deployed."""
     lines = [("solid: MuJoCo, pale rim: ideal ODE", QUIET), (held, QUIET)]
-    if alone:
+    if not replay.plan.is_cart_pole:
+        first = "solid: as deployed, pale: ideal loop" if replay.ideal is not None else ""
+        lines = [(first, QUIET)] + ([] if alone else [(held, QUIET)])
+    elif alone:
         lines = [
             ("solid: MuJoCo", POLE),
             ("pale rim: ideal ODE, apart by |Δz| and |Δφ|", _rgb(GHOST)),
@@ -163,17 +173,21 @@ def _legend(held: str, alone: bool, width: int, s: float) -> list[Text]:
     ]
 
 
-def _numbers(replay: Replay, index: int, path: CameraPath, s: float) -> list[Text]:
+def _numbers(replay: Replay, index: int, path: CameraPath | Standpoint, s: float) -> list[Text]:
     """Return what changes over a run: distances along the rail, readouts, how it ended."""
     width, height = path.size
-    places = path.seen(index, 2.0 * BAR)
-    spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
-    texts = [
-        Text(x, y, f"{round(place)} m", 15 * s, QUIET, "mt")
-        for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)
-        if 0.0 < x < width
-    ]
+    texts: list[Text] = []
     numbers = replay.readouts(index)
+    if isinstance(path, CameraPath):
+        places = path.seen(index, 2.0 * BAR)
+        spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
+        texts = [
+            Text(x, y, f"{round(place)} m", 15 * s, QUIET, "mt")
+            for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)
+            if 0.0 < x < width
+        ]
+    else:
+        numbers = _fitting(numbers, (width - 28 * s) / s)
     weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
     shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
     columns = 28 * s + (width - 36 * s) * shares
@@ -183,13 +197,19 @@ def _numbers(replay: Replay, index: int, path: CameraPath, s: float) -> list[Tex
     return [*texts, Text(0.5 * width, 140 * s, replay.ended(index), 20 * s, WARNING, "ms")]
 
 
+def _fitting(numbers: list[tuple[str, str]], width: float) -> list[tuple[str, str]]:
+    """Return the first numbers, as many as fit into a width [px at the size of the design]."""
+    letters = np.array([max(16 * len(one), 24 * len(other)) for one, other in numbers])
+    return numbers[: int(np.count_nonzero(np.cumsum(LETTER * letters + 16) <= width))]
+
+
 def _rgb(colour: Colour) -> Rgb:
     red, green, blue = (round(255 * part) for part in colour[:3])
     return red, green, blue
 
 
 def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[float], Picture]:
-    """Draw phi, z, F, M and l of runs of one scenario, once.
+    """Draw curves of runs of one scenario, of the cart-pole phi, z, F, M and l, once.
 
     Returns the picture with the curves up to an instant [s] and a cursor there.
     """
@@ -199,10 +219,13 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
         dpi = 100.0 * size[1] / PLOT_HEIGHT
         figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        grid = figure.add_gridspec(2, 6)
-        places = ((0, 0, 3), (0, 3, 6), (1, 0, 2), (1, 2, 4), (1, 4, 6))
-        axes = [figure.add_subplot(grid[row, first:last]) for row, first, last in places]
-        curves = _plot(axes, replays, end)
+        if replays[0].plan.is_cart_pole:
+            grid = figure.add_gridspec(2, 6)
+            places = ((0, 0, 3), (0, 3, 6), (1, 0, 2), (1, 2, 4), (1, 4, 6))
+            axes = [figure.add_subplot(grid[row, first:last]) for row, first, last in places]
+            curves = _plot(axes, replays, end)
+        else:
+            axes, curves = _plot_plant(figure, replays, end)
         full = _drawn(canvas)
         for line in curves:
             line.set_visible(False)
@@ -221,31 +244,93 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
     return until
 
 
-def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
-    lines, names = [], [str(replay.controller) for replay in replays]
+def _styles(replays: Sequence[Replay]) -> list[dict[str, Any]]:
+    """Return how the curves of each run look."""
+    names = [str(replay.controller) for replay in replays]
     colour = colours(names)
-    for replay, name, dash in zip(replays, names, LINES, strict=False):
-        style: dict[str, Any] = {"color": _on_dark(colour[name]), "ls": dash, "lw": 1.5}
+    return [
+        {"color": _on_dark(colour[name]), "ls": dash, "lw": 1.5, "label": name}
+        for name, dash in zip(names, LINES, strict=False)
+    ]
+
+
+PLAIN: dict[str, Any] = {"color": "#dfe3ea", "lw": 1.5}
+"""How curves look that are the same in every run."""
+
+
+def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
+    lines: list[Line2D] = []
+    for replay, style in zip(replays, _styles(replays), strict=False):
         curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
         for axis, curve in zip(axes, curves, strict=False):
-            lines += axis.plot(replay.time, curve, label=name, **style)
+            lines += axis.plot(replay.time, curve, **style)
     for axis, curve in zip(axes[3:], (replays[0].cart_mass, replays[0].half_length), strict=True):
-        lines += axis.plot(replays[0].time, curve, color="#dfe3ea", lw=1.5)
+        lines += axis.plot(replays[0].time, curve, **PLAIN)
         axis.set_ylim(0.0, 1.1 * float(curve.max()))
     axes[2].set_yscale("symlog", linthresh=5.0)
     axes[2].set_yticks([-50, -5, 0, 5, 50], ["-50", "-5", "0", "5", "50"])
-    for axis, label in zip(axes, LABELS, strict=True):
+    _label(axes, LABELS, end, axes[2:], lines[: 3 * len(replays) : 3])
+    return lines
+
+
+def _plot_plant(
+    figure: Figure, replays: Sequence[Replay], end: float
+) -> tuple[list[Axes], list[Line2D]]:
+    """Draw coordinates, inputs with their limits, and parameters that change, in this order."""
+    scenario = replays[0].plan
+    plant, changing = scenario.plant, replays[0].changing
+    names = (*plant.coordinates, *plant.inputs)
+    labels = [labelled(name, plant.units[name]) for name in names]
+    labels += [labelled(name, unit) for name, unit, _ in changing]
+    labels = labels[:MOST_CURVES]
+    rows = 2 if len(labels) <= 8 else 3
+    columns = -(-len(labels) // rows)
+    axes = [figure.add_subplot(rows, columns, 1 + i) for i in range(len(labels))]
+    lines: list[Line2D] = []
+    for replay, style in zip(replays, _styles(replays), strict=False):
+        courses = (*replay.state.T[: len(plant.coordinates)], *replay.inputs.T)
+        for axis, curve in zip(axes, courses, strict=False):
+            lines += axis.plot(replay.time, curve, **style)
+    count = len(lines) // len(replays)
+    first = len(plant.coordinates)
+    for axis, (low, high) in zip(axes[first:], _limits(scenario), strict=False):
+        for limit in (low, high):
+            if math.isfinite(limit):
+                axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
+    for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
+        lines += axis.plot(replays[0].time, curve, **PLAIN)
+    _label(axes, labels, end, axes[-columns:], lines[: count * len(replays) : count])
+    return axes, lines
+
+
+def _limits(scenario: Scenario) -> list[tuple[float, float]]:
+    """Return the limits of each input, those of the MJCF and of the hardware."""
+    found = []
+    limits: list[tuple[float, float]] = scenario.plant.limits.tolist()
+    for name, (low, high) in zip(scenario.plant.inputs, limits, strict=True):
+        limit = scenario.imperfections.of_input("input_limit", name) or math.inf
+        found.append((max(low, -limit), min(high, limit)))
+    return found
+
+
+def _label(
+    axes: Sequence[Axes],
+    labels: Sequence[str],
+    end: float,
+    lowest: Sequence[Axes],
+    handles: Sequence[Line2D],
+) -> None:
+    """Label the axes, and name the runs above them."""
+    for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
         axis.set_xlim(0.0, end)
         axis.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
         axis.grid(lw=0.6)
-    for axis in axes[2:]:
+    for axis in lowest:
         axis.set_xlabel("time t [s]")
-    handles = lines[: 3 * len(replays) : 3]
     axes[0].figure.legend(
         handles=handles, loc="outside upper center", ncols=2, frameon=False, handlelength=2.6
     )
-    return lines
 
 
 def _on_dark(colour: str) -> tuple[float, float, float]:

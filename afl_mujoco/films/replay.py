@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -16,6 +17,9 @@ from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
+
+GHOSTS = {True: "ideal ODE", False: "ideal loop"}
+"""What the ghost of a cart-pole is, and that of another plant."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,13 +35,13 @@ class Deployment:
         ticks = ticks_of(scenario, self.timestep, self.control_period)
         return replace(self, timestep=ticks.timestep, control_period=ticks.period)
 
-    def describe(self) -> str:
-        """Describe the deployment in one line."""
+    def describe(self, held: str = "force") -> str:
+        """Describe the deployment in one line; `held` is what a controller commands."""
         step = LONGEST_STEP if self.timestep is None else self.timestep
         period = step if self.control_period is None else self.control_period
         return (
             f"as deployed: {self.integrator} at {1e3 * step:.3g} ms, "
-            f"force held for {1e3 * period:.3g} ms"
+            f"{held} held for {1e3 * period:.3g} ms"
         )
 
 
@@ -49,31 +53,57 @@ class Replay:
     with the time [s] from which it is true.
     """
 
-    scenario: str
+    plan: Scenario
     controller: str
     time: NDArray[np.float64]
-    state: NDArray[np.float64]
-    ideal: NDArray[np.float64]
-    force: NDArray[np.float64]
-    push: NDArray[np.float64]
-    cart_mass: NDArray[np.float64]
-    half_length: NDArray[np.float64]
-    pole_mass: float
-    gravity: float
+    state: NDArray[np.float64]  # shape (N, 2 n)
+    ideal: NDArray[np.float64] | None  # the same of the ghost, if there is one
+    inputs: NDArray[np.float64]  # shape (N, k)
+    channels: NDArray[np.float64]  # what disturbs, shape (N, channels)
+    values: NDArray[np.float64]  # parameters, shape (N, parameters)
     endings: tuple[tuple[float, str], ...] = ()
-    rail_half_length: float | None = None
 
-    def plant(self, index: int) -> CartPoleParameters:
-        """Return the plant of a frame."""
-        return CartPoleParameters(
-            cart_mass=float(self.cart_mass[index]),
-            pole_mass=self.pole_mass,
-            half_length=float(self.half_length[index]),
-            gravity=self.gravity,
-        )
+    @property
+    def scenario(self) -> str:
+        """The name of the scenario."""
+        return self.plan.name
+
+    @property
+    def changing(self) -> list[tuple[str, str, NDArray[np.float64]]]:
+        """Name, unit and course of each parameter that changes."""
+        plant = self.plan.plant
+        columns = zip(plant.parameters, self.values.T, strict=True)
+        return [(name, plant.units[name], x) for name, x in columns if np.ptp(x) > 0.0]
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """The force on the cart of a cart-pole [N], shape (N,)."""
+        return self.inputs[:, 0]
+
+    @property
+    def push(self) -> NDArray[np.float64]:
+        """What disturbs the cart of a cart-pole [N], shape (N,)."""
+        return self.channels[:, 0] + self.channels[:, 1]
+
+    @property
+    def cart_mass(self) -> NDArray[np.float64]:
+        """M of a cart-pole [kg], shape (N,)."""
+        return self.values[:, 0]
+
+    @property
+    def half_length(self) -> NDArray[np.float64]:
+        """The l of a cart-pole [m], shape (N,)."""
+        return self.values[:, 2]
 
     def readouts(self, index: int) -> list[tuple[str, str]]:
-        """Return the numbers of a frame with their labels; Δ is MuJoCo against the ideal ODE."""
+        """Return the numbers of a frame with their labels.
+
+        Of the cart-pole Δ is MuJoCo against the ideal ODE; of another plant they are the parameters
+        that change, the inputs and the coordinates.
+        """
+        if not self.plan.is_cart_pole:
+            return self._numbers(index)
+        assert self.ideal is not None  # a cart-pole has equations
         apart = np.abs(self.state[index] - self.ideal[index])
         return [
             ("t [s]", f"{self.time[index]:.2f}"),
@@ -84,6 +114,14 @@ class Replay:
             ("|Δz| [m]", f"{apart[0]:.0e}" if apart[0] else "0"),
             ("|Δφ| [rad]", f"{apart[1]:.0e}" if apart[1] else "0"),
         ]
+
+    def _numbers(self, index: int) -> list[tuple[str, str]]:
+        plant = self.plan.plant
+        found = [("t [s]", f"{self.time[index]:.2f}")]
+        found += [(labelled(name, unit), f"{x[index]:.3g}") for name, unit, x in self.changing]
+        shown = (*zip(plant.inputs, self.inputs[index], strict=True),
+                 *zip(plant.coordinates, self.state[index], strict=False))  # fmt: skip
+        return found + [(labelled(name, plant.units[name]), f"{x:+.2f}") for name, x in shown]
 
     def ended(self, index: int) -> str:
         """Say which runs have ended before a frame, and how; empty if none has."""
@@ -100,7 +138,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
 
     The ideal ODE has none of the scenario's imperfections. A controller with the estimator gets the
     true parameters, and the force of a Python controller is held: it may be stateful, or switch at
-    every call.
+    every call. For another plant it is the same loop in MuJoCo without the imperfections.
     """
     run = simulate_mujoco(
         scenario,
@@ -110,37 +148,49 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
-    informed = controller.without_estimator()
-    if informed.interpreted:
-        ideal = simulate_ode_held(scenario.ideal, informed, timestep=h, control_period=period)
-    else:
-        ideal = simulate_ode(scenario.ideal, informed, sample_period=h)
+    ideal = _ideal(scenario, controller, deployment)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
-    runs_on = times <= run.outcome.time
+    runs_on = (times <= run.outcome.time)[:, None]
     there = np.minimum(times, run.outcome.time)
     return Replay(
-        scenario=scenario.name,
+        plan=scenario,
         controller=controller.name,
         time=times,
         state=_at(run, times),
-        ideal=_at(ideal, times),
-        force=np.where(runs_on, run.force[held], 0.0),
-        push=np.where(runs_on, scenario.pushes(times), 0.0),
-        cart_mass=scenario.cart_mass(there),
-        half_length=scenario.half_length(there),
-        pole_mass=scenario.pole_mass,
-        gravity=scenario.gravity,
-        rail_half_length=scenario.rail,
+        ideal=None if ideal is None else _at(ideal, times),
+        inputs=np.where(runs_on, run.inputs[held], 0.0),
+        channels=np.where(runs_on, scenario.pushes(times), 0.0),
+        values=scenario.values(there),
         endings=tuple(
             (end.outcome.time, f"{name} {end.outcome}")
-            for name, end in (("MuJoCo", run), ("ideal ODE", ideal))
-            if end.outcome.time < scenario.duration
+            for name, end in (("MuJoCo", run), (GHOSTS[scenario.is_cart_pole], ideal))
+            if end is not None and end.outcome.time < scenario.duration
         ),
     )
 
 
+def _ideal(scenario: Scenario, controller: Controller, deployment: Deployment) -> Trajectory | None:
+    """Return the run of the ghost; None if that of MuJoCo has no imperfections."""
+    h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
+    informed = controller.without_estimator()
+    if not scenario.is_cart_pole:
+        settings: Any = {"timestep": deployment.timestep, "control_period": period}
+        if scenario.ideal == scenario:
+            return None
+        return simulate_mujoco(
+            scenario.ideal, informed, "sampled", integrator=deployment.integrator, **settings
+        )
+    if informed.interpreted:
+        return simulate_ode_held(scenario.ideal, informed, timestep=h, control_period=period)
+    return simulate_ode(scenario.ideal, informed, sample_period=h)
+
+
+def labelled(name: str, unit: str) -> str:
+    """Return a name with its unit, if it has one."""
+    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+
+
 def _at(run: Trajectory, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the states at some times, interpolated linearly, the last one held; shape (N, 4)."""
+    """Return the states at some times, interpolated linearly, the last one held; shape (N, 2 n)."""
     return np.column_stack([np.interp(times, run.time, column) for column in run.state.T])

@@ -9,7 +9,7 @@ from afl_mujoco.report.blocks import Block, Film, Section
 from afl_mujoco.report.numbers import sentence
 
 LEDE = (
-    "MuJoCo's cart-pole as deployed, in real time. Its ghost is the ideal ODE, without "
+    "MuJoCo's plant as deployed, in real time. Its ghost is the ideal ODE, without "
     "imperfections; there a controller in Python is held over each control period too, and any "
     "other is continuous."
 )

@@ -80,7 +80,8 @@ class Film:
     def pictures(self, indices: Iterable[int]) -> Iterator[Picture]:
         """Run what it shows, and yield some of its frames."""
         replays = [record(self.scenario, c, self.deployment, self.fps) for c in self.controllers]
-        return frames(replays, self.deployment.describe(), self.size, self.fps, indices)
+        held = self.deployment.describe("force" if self.scenario.is_cart_pole else "inputs")
+        return frames(replays, held, self.size, self.fps, indices)
 
 
 def side_by_side(

@@ -28,7 +28,7 @@ from afl_mujoco.scenario.belief import ERROR, Belief
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
 from afl_mujoco.simulation.sampled.hardware import new_run, sense, sensors_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
@@ -139,12 +139,13 @@ def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) 
 
 
 def require_loggable(scenario: Scenario, controller: Controller, simulator: str) -> None:
-    """Raise unless a run can be a log: in sampled mode, with constant M and l and no estimator."""
+    """Raise unless a run can be a log: sampled, of a constant cart-pole, without an estimator."""
     if simulator != "sampled":
         raise InvalidValueError("simulator", "must be sampled for a log", repr(simulator))
     if controller.estimates:
         rule = "must not use the estimator"
         raise InvalidValueError("controller of a log", rule, controller.name)
+    scenario.require_cart_pole("a log")
     if len({*scenario.cart_mass.values}) > 1 or len({*scenario.half_length.values}) > 1:
         raise InvalidValueError("scenario of a log", "must keep M and l constant", scenario.name)
 
@@ -158,12 +159,13 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
     """
     settings = run.provenance["settings"]
     period, r = settings["control_period"], scenario.imperfections
-    hold, sensors = round(period / settings["timestep"]), sensors_of(r, period)
-    model, memory, rows = CartPoleModel(scenario.parameters_at(0.0)), new_run(), []
+    hold, sensors = round(period / settings["timestep"]), sensors_of(scenario, period)
+    model, run_state, rows = SimulatedModel(scenario.plant), new_run(), []
     for tick, k in enumerate(range(0, len(run.time) - 1, hold)):
-        write_state(model.addresses, *run.state[k].tolist())
-        seen = sense(model.addresses, sensors, memory, tick)
-        rows.append((run.time[k], seen[1], seen[0], run.command[k]))
+        write_state(model.addresses, run.state[k].copy())
+        sense(model.addresses, sensors, run_state, tick)
+        z, phi, *_ = run_state.measured.tolist()
+        rows.append((run.time[k], phi, z, run.command[k]))
     columns = np.array(rows).reshape(len(rows), 4).T
     if (limit := r.input_limit) is not None:
         columns[3] = np.clip(columns[3], -limit, limit)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.log import Windows, stride_of
@@ -21,29 +21,40 @@ PIECES = 8  # most reversals in a step; beyond them, the cart sticks for the res
 SECANTS = 12  # most secants to find a reversal
 
 
-@kernel
-def _coulomb_rates(at, x, force, friction, way):
+@borrowing_kernel
+def _accelerations(at, space, x, force, push):
+    """Return (z'', phi'') under a force of the drive and one beside it; `space` has room for 9."""
+    state, inputs, forces, found = space[:4], space[4:5], space[5:7], space[7:]
+    state[0], state[1], state[2], state[3] = x
+    inputs[0], forces[0] = force, push
+    forward(at, state, inputs, forces, found)
+    return found[0], found[1]
+
+
+@borrowing_kernel
+def _coulomb_rates(at, space, x, force, friction, way):
     """Return (z'', phi''); `way` is the sign of the sliding, 0 while the cart sticks."""
     if way != 0.0:
-        return forward(at, x[0], x[1], x[2], x[3], force, -friction * way)
-    z0, phi0 = forward(at, x[0], x[1], x[2], x[3], force, 0.0)
-    z1, phi1 = forward(at, x[0], x[1], x[2], x[3], force, 1.0)  # accelerations are linear in it
+        return _accelerations(at, space, x, force, -friction * way)
+    z0, phi0 = _accelerations(at, space, x, force, 0.0)
+    z1, phi1 = _accelerations(at, space, x, force, 1.0)  # accelerations are linear in it
     return 0.0, phi0 - z0 / (z1 - z0) * (phi1 - phi0)
 
 
-@kernel
-def _after(at, x, force, friction, way, h):
+@borrowing_kernel
+def _after(at, space, x, force, friction, way, h):
     """Return the state after a step of RK4 in which `way` does not change."""
     z, phi, v, w = x
-    a1, b1 = _coulomb_rates(at, x, force, friction, way)
+    a1, b1 = _coulomb_rates(at, space, x, force, friction, way)
     v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * b1
-    a2, b2 = _coulomb_rates(at, (z + 0.5 * h * v, phi + 0.5 * h * w, v2, w2), force, friction, way)
+    second = (z + 0.5 * h * v, phi + 0.5 * h * w, v2, w2)
+    a2, b2 = _coulomb_rates(at, space, second, force, friction, way)
     v3, w3 = v + 0.5 * h * a2, w + 0.5 * h * b2
-    a3, b3 = _coulomb_rates(
-        at, (z + 0.5 * h * v2, phi + 0.5 * h * w2, v3, w3), force, friction, way
-    )
+    third = (z + 0.5 * h * v2, phi + 0.5 * h * w2, v3, w3)
+    a3, b3 = _coulomb_rates(at, space, third, force, friction, way)
     v4, w4 = v + h * a3, w + h * b3
-    a4, b4 = _coulomb_rates(at, (z + h * v3, phi + h * w3, v4, w4), force, friction, way)
+    last = (z + h * v3, phi + h * w3, v4, w4)
+    a4, b4 = _coulomb_rates(at, space, last, force, friction, way)
     return (
         z + h / 6.0 * (v + 2.0 * (v2 + v3) + v4),
         phi + h / 6.0 * (w + 2.0 * (w2 + w3) + w4),
@@ -52,25 +63,25 @@ def _after(at, x, force, friction, way, h):
     )
 
 
-@kernel
-def _way(at, x, force, friction):
+@borrowing_kernel
+def _way(at, space, x, force, friction):
     """Return the sign of the sliding at a state, 0 where the cart sticks."""
     if x[2] != 0.0:
         return 1.0 if x[2] > 0.0 else -1.0
-    z0, _ = forward(at, x[0], x[1], x[2], x[3], force, 0.0)
-    z1, _ = forward(at, x[0], x[1], x[2], x[3], force, 1.0)
+    z0, _ = _accelerations(at, space, x, force, 0.0)
+    z1, _ = _accelerations(at, space, x, force, 1.0)
     if abs(z0) <= friction * (z1 - z0):
         return 0.0
     return 1.0 if z0 > 0.0 else -1.0
 
 
-@kernel
-def _reversal(at, x, force, friction, way, h, end):
+@borrowing_kernel
+def _reversal(at, space, x, force, friction, way, h, end):
     """Return when in a step the cart stops, by the Illinois method; `end` is its speed then."""
     early, late, low, high = 0.0, h, x[2], end
     for _ in range(SECANTS):
         time = (early * high - late * low) / (high - low)
-        speed = _after(at, x, force, friction, way, time)[2]
+        speed = _after(at, space, x, force, friction, way, time)[2]
         if abs(speed) < 1e-12:
             break
         if speed * high < 0.0:
@@ -87,29 +98,30 @@ def coulomb_motion(at, starts, forces, friction, step, track):
 
     Forces of the drive are [N], shape (B, steps), as is the dry friction of the rail; steps [s].
     """
+    space = np.zeros(9)
     for b in range(len(starts)):
         x = (starts[b, 0], starts[b, 1], starts[b, 2], starts[b, 3])
         for i in range(4):
             track[b, 0, i] = starts[b, i]
         for k in range(forces.shape[1]):
             force, left = forces[b, k], step
-            way = _way(at, x, force, friction)
+            way = _way(at, space, x, force, friction)
             for piece in range(PIECES):
                 if piece == PIECES - 1:
                     way = 0.0
                     x = (x[0], x[1], 0.0, x[3])
-                after = _after(at, x, force, friction, way, left)
+                after = _after(at, space, x, force, friction, way, left)
                 if way * after[2] >= 0.0 or not np.isfinite(after[2]):
                     x = after
                     break
                 if x[2] == 0.0:  # it would slide back at once
                     way = 0.0
                     continue
-                time = _reversal(at, x, force, friction, way, left, after[2])
-                x = _after(at, x, force, friction, way, time)
+                time = _reversal(at, space, x, force, friction, way, left, after[2])
+                x = _after(at, space, x, force, friction, way, time)
                 x = (x[0], x[1], 0.0, x[3])
                 left -= time
-                way = _way(at, x, force, friction)
+                way = _way(at, space, x, force, friction)
             for i in range(4):
                 track[b, k + 1, i] = x[i]
 

@@ -92,6 +92,13 @@ def model_of(
     return plant, Imperfections(damping=damping, dry_friction=dry)
 
 
+def _become(model: CartPoleModel, plant: CartPoleParameters, imperfections: Imperfections) -> None:
+    """Make a model that of another cart-pole."""
+    model.set_imperfections(imperfections)
+    model.set_parameters(plant)
+    model.compute_only()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
     """The cart-poles of some windows."""
@@ -134,8 +141,7 @@ class Rig:
         if self.exact and imperfections.at(FRICTION) > 0.0:
             return self._exact_motion(plant, imperfections, starts, forces)
         model = self._models[0]
-        model.set_imperfections(imperfections, plant)
-        model.compute_only(imperfections)
+        _become(model, plant, imperfections)
         full = mujoco.mjtState.mjSTATE_FULLPHYSICS
         initial = np.zeros((len(starts), mujoco.mj_stateSize(model.mj_model, full)))
         initial[:, 1:5] = starts
@@ -155,8 +161,7 @@ class Rig:
         smooth, friction = imperfections.changed({FRICTION: 0.0}), imperfections.at(FRICTION)
 
         def task_on(model: CartPoleModel) -> Task:
-            model.set_imperfections(smooth, plant)
-            model.compute_only(smooth)
+            _become(model, plant, smooth)
 
             def run(part: slice) -> None:
                 coulomb_motion(

@@ -1,4 +1,7 @@
-"""The cart-pole of the paper as a plant: (P3) and (P4) are the equations of its MJCF."""
+"""The cart-pole of the paper: its names, and what its parameters are in the MJCF.
+
+Its equations are in `cartpole_equations`, where nothing that puts it into MuJoCo can see them.
+"""
 
 from __future__ import annotations
 
@@ -7,49 +10,83 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
-from afl_mujoco.plants.plant import Parameter, Plant, box, rod
+from afl_mujoco.plants.plant import Parameter, Plant, Shape
+
+CART_HALF_SIZE = (0.2, 0.15, 0.1)
+"""Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
+
+AXIAL_SHARE = 0.01
+"""Inertia about the pole's own axis, about which it never rotates, as a share of that across it."""
+
+FALL_ANGLE = 0.5 * math.pi - 1e-3
+"""A run ends as fallen when ``|phi|`` reaches this [rad]: the controller is singular at pi/2."""
 
 
-def accelerations(q: Any, v: Any, u: Any, p: Any) -> tuple[Any, Any]:
-    """Return (z'', phi''), Eqs. (P3) and (P4)."""
-    given = (q[1], v[1], u[0], p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-    return cart_acceleration(*given), pole_acceleration(*given)
+def model_file(name: str) -> Path:
+    """Return the path of a file of `models/`, in an installed wheel or in the source tree."""
+    packaged = Path(str(resources.files("afl_mujoco") / "models" / name))
+    return packaged if packaged.exists() else packaged.parents[2] / "models" / name
+
+
+def capsule_inertia(mass: Any, half_length: Any, radius: float) -> Any:
+    """Return the inertia across a uniform solid capsule, about its middle [kg m^2].
+
+    mass: Its mass [kg].
+    half_length, radius: Half the length of its cylinder, and the radius of cylinder and end caps
+        [m].
+    """
+    length = 2.0 * half_length
+    caps = mass * (4.0 * radius) / (4.0 * radius + 3.0 * length)  # volumes without pi r^2 / 3
+    barrel = mass - caps
+    return barrel * (radius * radius / 4.0 + length * length / 12.0) + caps * (
+        0.4 * radius * radius + length * length / 4.0 + 0.375 * length * radius
+    )
 
 
 def write(p: Any) -> dict[str, Any]:
-    """Return what M, m, l and g are in the MJCF; a hundredth of the inertia is about the pole."""
-    length = 2.0 * p.half_length
-    radius = p.half_length * math.sqrt(0.02 / 3.0)
+    """Return what M, m, l and g are in the MJCF.
+
+    A share of the mass may be a point at the tip, the rest a rod or capsule centred at l: their
+    common centre lies at ``(1 + share) l``, and the inertia is about it.
+    """
+    m, length, share = p.pole_mass, p.half_length, getattr(p, "tip_mass_share", 0.0)
+    radius = getattr(p, "pole_radius", 0.0)
+    x2, y2, z2 = (half * half for half in CART_HALF_SIZE)
+    across = m * length * length / 3.0
+    if radius > 0.0:
+        across = capsule_inertia(m, length, radius)
+    across = (1.0 - share) * across + share * (1.0 - share) * m * length * length
+    sums = (y2 + z2, x2 + z2, x2 + y2)
+    inertia = tuple(p.cart_mass * (one / 3.0) for one in sums)
     return {
-        "body cart": box(mass=p.cart_mass, lengths=(0.4, 0.3, 0.2)),
-        "body pole": rod(mass=p.pole_mass, length=length, radius=radius),
-        "geom pole size 1": p.half_length,
-        "geom pole pos 2": p.half_length,
-        "site tip pos 2": length,
+        "body cart": Shape(p.cart_mass, (0.0, 0.0, 0.0), (inertia[0], inertia[1], inertia[2])),
+        "body pole": Shape(
+            m, (0.0, 0.0, (1.0 + share) * length), (across, across, AXIAL_SHARE * across)
+        ),
+        "geom pole size 1": length,
+        "geom pole pos 2": length,
+        "site tip pos 2": 2.0 * length,
         "option gravity 2": -p.gravity,
     }
 
 
-def _model() -> Path:
-    """Return the path of the MJCF, in an installed wheel or in the source tree."""
-    packaged = Path(str(resources.files("afl_mujoco") / "models" / "cartpole.xml"))
-    return packaged if packaged.exists() else packaged.parents[2] / "models" / "cartpole.xml"
-
-
-plant = Plant(
+CART_POLE = Plant(
     name="cart-pole",
-    model=_model(),
+    model=model_file("cartpole.xml"),
     coordinates=("z", "phi"),
     inputs=("force",),
     parameters={
         "cart_mass": Parameter(1.0, "kg", low=0.1, high=2.0),
         "pole_mass": Parameter(0.05, "kg", low=0.01, high=1.0),
         "half_length": Parameter(0.5, "m", low=0.05, high=1.0),
-        "gravity": Parameter(9.81, "m/s^2", low=1.0, high=20.0),
+        "gravity": Parameter(9.81, "m/s²", low=1.0, high=20.0),
     },
     write=write,
-    accelerations=accelerations,
     upright=(0.0, 0.0),
     wraps=("phi",),
+    start=(0.0, -math.pi / 3, 0.0, 0.0),
+    ends_at={"phi": FALL_ANGLE},
+    details={"tip_mass_share": 0.0, "pole_radius": 0.0},
+    origin="afl_mujoco.plants.cartpole:CART_POLE",
 )
+"""The plant of a scenario that names none."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from llvmlite import binding
 from numba import types
 
-from afl_mujoco.compiled import kernel, store
+from afl_mujoco.compiled import inlined_kernel, store
 from afl_mujoco.errors import FileError
 from afl_mujoco.graphics import choose_backend
 
@@ -31,9 +32,13 @@ mj_forward = types.ExternalFunction("mj_forward", _model_data)
 mj_reset_data = types.ExternalFunction("mj_resetData", _model_data)
 mj_step = types.ExternalFunction("mj_step", _model_data)
 mj_set_const = types.ExternalFunction("mj_setConst", _model_data)
+_product = types.void(types.intp, types.intp, types.intp, types.intp)
+mj_mul_m: Any = types.ExternalFunction("mj_mulM", _product)
+_solution = types.void(types.intp, types.intp, types.intp, types.intp, types.int32)
+mj_solve_m: Any = types.ExternalFunction("mj_solveM", _solution)
 
 
-@kernel
+@inlined_kernel
 def write_row(structures, addresses, row):
     """Write a row of values that was checked into a model, and refresh what depends on it.
 

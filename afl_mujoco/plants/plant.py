@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any, Literal
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
 from afl_mujoco.loading import import_from, look_in, told_of
+from afl_mujoco.plants.mjcf import Mjcf
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
@@ -225,6 +227,13 @@ class Plant:
         Coordinates that are measured modulo 2 pi.
     signals
         Further names for requirements: functions of (q, v, p).
+    start
+        The state from which a run starts where a scenario does not say it; at rest at 0 by default.
+    ends_at
+        How far from its target a coordinate ends a run as failed, by name; never by default.
+    details
+        Further numbers that ``write`` gets, ideal here, and set by imperfections: neither the
+        equations nor a controller know them.
 
     Raises
     ------
@@ -255,6 +264,10 @@ class Plant:
     upright: Sequence[float] | None = None
     wraps: Sequence[str] = ()
     signals: Mapping[str, Callable[..., Any]] = field(default_factory=dict)
+    start: Sequence[float] | None = None
+    ends_at: Mapping[str, float] = field(default_factory=dict)
+    details: Mapping[str, float] = field(default_factory=dict)
+    origin: str = field(default="", repr=False)  # what `load_plant` takes, if it was loaded
 
     def __post_init__(self) -> None:
         """Refuse what no plant can be; the MJCF is read on first use."""
@@ -269,7 +282,7 @@ class Plant:
             object.__setattr__(self, "model", here / Path(self.model).expanduser())
         for thing in ("coordinates", "inputs", "wraps"):
             object.__setattr__(self, thing, _names(thing, getattr(self, thing)))
-        for thing in ("parameters", "signals"):
+        for thing in ("parameters", "signals", "ends_at", "details"):
             given = getattr(self, thing)
             if not isinstance(given, Mapping):
                 raise InvalidValueError(thing, "must be a dictionary", told(given, repr))
@@ -278,14 +291,28 @@ class Plant:
                 if not name.isidentifier():
                     raise InvalidValueError(thing, "must be names as Python has them", repr(name))
         self._require_kinds()
+        self._take_numbers("upright", len(self.coordinates))
+        self._take_numbers("start", 2 * len(self.coordinates))
         self._refuse_doubles()
+
+    def __reduce__(self) -> Any:
+        """Pickle a plant that was loaded by where it is from."""
+        if not self.origin:
+            rule = "must be loaded from a file, as FILE.py:NAME, for more than one process"
+            raise InvalidValueError(f"plant {self.name!r}", rule)
+        return _loaded, (self.origin,)
+
+    def __deepcopy__(self, memo: Any) -> Plant:
+        """Return the plant itself, which never changes."""
+        return self
 
     def _require_kinds(self) -> None:
         """Raise unless each field is of its kind, and equations are given once."""
         if not self.coordinates:
             raise InvalidValueError("coordinates", "must name at least one joint", "none")
-        if strange := [name for name in self.wraps if name not in self.coordinates]:
-            raise UnknownNameError.among("wraps", strange[0], self.coordinates)
+        for thing in ("wraps", "ends_at"):
+            if strange := [name for name in getattr(self, thing) if name not in self.coordinates]:
+                raise UnknownNameError.among(thing, strange[0], self.coordinates)
         for name, one in self.parameters.items():
             if not isinstance(one, Parameter):
                 rule = "must be an afl.Parameter"
@@ -297,12 +324,15 @@ class Plant:
                 raise InvalidValueError(thing, "must be a function", told(function, repr))
         if {"terms", "accelerations"} <= given.keys():
             raise InvalidValueError("plant", "must have accelerations or terms, not both")
-        if self.upright is not None:
-            upright = tuple(require_finite("upright", x) for x in self.upright)
-            object.__setattr__(self, "upright", upright)
-            if len(upright) != len(self.coordinates):
-                rule = f"must be {len(self.coordinates)} finite numbers"
-                raise InvalidValueError("upright", rule, upright)
+
+    def _take_numbers(self, thing: str, count: int) -> None:
+        """Store numbers as floats, or raise unless there are so many."""
+        if (given := getattr(self, thing)) is None:
+            return
+        numbers = tuple(require_finite(thing, x) for x in given)
+        if len(numbers) != count:
+            raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
+        object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
         """Raise if two things of a plant have one name."""
@@ -316,6 +346,12 @@ class Plant:
                     rule = f"must not have the name of a {owner[name]}"
                     raise InvalidValueError(f"{kind} {name!r}", rule)
                 owner[name] = kind
+
+    def __repr__(self) -> str:
+        """Return what it is called, and its names."""
+        names = ("coordinates", "inputs", "parameters")
+        given = (f"{name}={tuple(getattr(self, name))}" for name in names)
+        return f"Plant(name={self.name!r}, {', '.join(given)})"
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -333,6 +369,30 @@ class Plant:
         pairs = zip(self.parameters, columns, strict=True)
         return SimpleNamespace(**{k: c if c.ndim else float(c) for k, c in pairs})
 
+    @cached_property
+    def units(self) -> Mapping[str, str]:
+        """The units of states, inputs and parameters by name, as far as the MJCF says them."""
+        there = Mjcf(self.model)
+        slides = {name: one.get("type") == "slide" for name, one in there.joints.items()}
+        lengths = {name: "m" if slides.get(name) else "rad" for name in self.coordinates}
+        rates = {f"{name}_dot": f"{unit}/s" for name, unit in lengths.items()}
+        moved = {name: one.get("joint") for name, one in there.motors.items()}
+        known = {True: "N", False: "N m"}
+        drives = {name: known.get(slides.get(moved.get(name)), "") for name in self.inputs}  # type: ignore[arg-type]
+        return {**lengths, **rates, **drives, **{k: p.unit for k, p in self.parameters.items()}}
+
+    @cached_property
+    def limits(self) -> NDArray[np.float64]:
+        """The limits of the inputs that the MJCF gives them (ctrlrange), shape (inputs, 2)."""
+        motors = Mjcf(self.model).motors
+        found = np.tile([-np.inf, np.inf], (len(self.inputs), 1))
+        for i, name in enumerate(self.inputs):
+            one = motors.get(name, {})
+            given = one.get("ctrlrange", "").split()
+            if len(given) == 2 and one.get("ctrllimited", "auto") != "false":
+                found[i] = [float(x) for x in given]
+        return found
+
 
 def _names(thing: str, given: Any) -> tuple[str, ...]:
     """Return names, or raise."""
@@ -344,8 +404,14 @@ def _names(thing: str, given: Any) -> tuple[str, ...]:
     return tuple(given)
 
 
-KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole:plant"}
+KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 """Plants by name: the cart-pole of the paper is that of a scenario that names none."""
+
+
+@cache
+def _loaded(origin: str) -> Plant:
+    """Return the plant of an origin, loaded once in a process."""
+    return load_plant(origin)
 
 
 def load_plant(spec: str, folder: Path | None = None) -> Plant:
@@ -371,6 +437,9 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         raise UnknownNameError.among("plant", attribute, plants).within(f"{place}: ")
     if not isinstance(found, Plant):
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
+    if not found.origin:  # where another process, and a reader of a result, finds it
+        origin = f"{here / Path(place).expanduser()}:{attribute}" if place.endswith(".py") else spec
+        object.__setattr__(found, "origin", origin)
     return found
 
 

@@ -8,7 +8,8 @@ is checked before.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -67,13 +68,21 @@ class PlantModel:
     """A plant's MuJoCo model, its parameters at their nominal values until others are written.
 
     compared: Without what the comparison with equations leaves out.
+    alter: Changes the description before it is compiled: its options, or what it has.
     """
 
-    def __init__(self, plant: Plant, *, compared: bool = False) -> None:
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        compared: bool = False,
+        alter: Callable[[Any], None] | None = None,
+    ) -> None:
         self.plant = plant
+        self.details: dict[str, float] = dict(plant.details)
         self._spec = spec = _read(plant)
         self._require_names()
-        self.targets, values = self._targets(self._written(plant.named(plant.nominal)))
+        self.targets, values = self._targets(self._written(self._named(plant.nominal)))
         self.last = np.array(values)
         require_compiler(spec)
         self._freeze_inertias()
@@ -81,16 +90,29 @@ class PlantModel:
         self.notes = require_describable(self.compile(self.last))
         if compared:
             compare_only_what_equations_have(spec)
+        if alter is not None:
+            self._store(spec, self.last)
+            alter(spec)
         self.mj_model = m = self.compile(self.last)
         self.mj_data, self._scratch = mujoco.MjData(m), mujoco.MjData(m)
         self._places = [self._place(one) for one in self.targets]
         self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
-        self._compared = {  # model.stat stays what it was, on purpose
-            place: [x for x in dir(holder) if x[0] != "_" and _is_numbers(getattr(holder, x))]
-            for place, holder in (("model", m), ("opt", m.opt))
-        }
         self._require_kept()
         self._require_parameters_used()
+
+    @cached_property
+    def _compared(self) -> dict[str, list[str]]:
+        """The fields that are compared; model.stat stays what it was, on purpose."""
+        return {
+            place: [x for x in dir(holder) if x[0] != "_" and _is_numbers(getattr(holder, x))]
+            for place, holder in (("model", self.mj_model), ("opt", self.mj_model.opt))
+        }
+
+    def _named(self, values: Floats) -> Any:
+        """Return parameters by name, with the details of the plant."""
+        p = self.plant.named(values)
+        vars(p).update(self.details)
+        return p
 
     def _require_names(self) -> None:
         """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
@@ -200,15 +222,17 @@ class PlantModel:
         table = np.atleast_2d(parameters)
         if not self.targets:
             return np.empty((len(table), 0))
+        if len(table) == 1:
+            return self._row(self._named(table[0]), 1)
         try:
-            fast = self._row(self.plant.named(table), len(table))
+            fast = self._row(self._named(table), len(table))
         except AflMujocoError:
             fast = None  # a write that knows no arrays
         seen = sorted({0, len(table) // 2, len(table) - 1})
-        slow = np.array([self._row(self.plant.named(table[i]), 1)[0] for i in seen])
+        slow = np.array([self._row(self._named(table[i]), 1)[0] for i in seen])
         if fast is not None and np.allclose(fast[seen], slow, rtol=SAME, atol=0.0):
             return fast
-        return np.array([self._row(self.plant.named(row), 1)[0] for row in table])
+        return np.array([self._row(self._named(row), 1)[0] for row in table])
 
     def _row(self, p: Any, count: int) -> Floats:
         """Return rows from what ``write`` returns for floats or arrays."""
@@ -255,16 +279,20 @@ class PlantModel:
     def compile(self, row: Floats) -> Any:
         """Return a model compiled afresh with a row of values, or none of them."""
         spec = self._spec.copy()
-        for target, value in zip(self.targets, row, strict=False):
-            holder, field = _holder(spec, target)
-            new = np.array(getattr(holder, field), float)
-            new[target.item if new.ndim else ()] = value
-            setattr(holder, field, new if new.ndim else float(value))
+        self._store(spec, row)
         try:
             return spec.compile()
         except (ValueError, mujoco.FatalError) as error:
             said = f"is refused: {_one_line(error)}"
             raise InvalidValueError(f"model of plant {self.plant.name!r}", said) from None
+
+    def _store(self, spec: Any, row: Floats) -> None:
+        """Write a row of values, or none of them, into a description."""
+        for target, value in zip(self.targets, row, strict=False):
+            holder, field = _holder(spec, target)
+            new = np.array(getattr(holder, field), float)
+            new[target.item if new.ndim else ()] = value
+            setattr(holder, field, new if new.ndim else float(value))
 
     def _require_kept(self) -> None:
         """Raise if the compiler makes other numbers of what is written."""
@@ -309,6 +337,12 @@ class PlantModel:
             _table(field, self._held(field))[i, k] = value
         mujoco.mj_setConst(self.mj_model, self._scratch)
         self.last = np.array(row)
+
+    def move_freely(self, timestep: float) -> None:
+        """Switch damping off, and let MuJoCo step by RK4 with a timestep [s]."""
+        self.mj_model.dof_damping[:] = 0.0
+        self.mj_model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        self.mj_model.opt.timestep = timestep
 
     def at(self, q: Floats, v: Floats, u: Floats) -> tuple[Floats, ...]:
         """Return M, h and B at a state, as the model is now, and the accelerations."""

@@ -130,7 +130,7 @@ def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -
 class Panel:
     """A panel of curves over time: by name, instants [s] and values; pale ones behind them.
 
-    `over` are dashed over them, what they should be; `limits` are drawn on both sides of zero,
+    `over` are dashed over them, what they should be; `limits` are drawn on both sides of `about`,
     `band` is shaded around it.
     """
 
@@ -144,6 +144,7 @@ class Panel:
     )
     limits: Sequence[float] = ()
     band: float | None = None
+    about: float = 0.0
     black: bool = False  # curves in black, each in its own line style, with their own legend
 
 
@@ -179,8 +180,14 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
     """Draw the curves, limits and band of a panel."""
     axis.set_ylabel(panel.label)
     if panel.band is not None:
-        axis.axhspan(-panel.band, panel.band, color=GREY, alpha=0.18, linewidth=0.0)
-    for limit in (sign * x for x in panel.limits for sign in (-1.0, 1.0)):
+        axis.axhspan(
+            panel.about - panel.band,
+            panel.about + panel.band,
+            color=GREY,
+            alpha=0.18,
+            linewidth=0.0,
+        )
+    for limit in (panel.about + sign * x for x in panel.limits for sign in (-1.0, 1.0)):
         axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
     order = quietest_on_top({name: values for name, (_, values) in panel.curves.items()})
     for number, (name, (time, values)) in enumerate(panel.curves.items()):

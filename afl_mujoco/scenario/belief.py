@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import (
+    EMPTY,
+    ByName,
     check_fields,
     require_finite,
-    require_plausible,
     require_type,
     short_repr,
     within,
@@ -32,7 +32,7 @@ def require_error(name: str, value: Any) -> float:
     return number
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Assumed:
     """What is assumed of one parameter."""
 
@@ -45,7 +45,7 @@ class Assumed:
             if isinstance(self.value, str):
                 kinds = (TRUE, NOMINAL, "a number")
                 raise UnknownNameError.among("value", self.value, kinds)
-            object.__setattr__(self, "value", require_plausible("value", self.value))
+            object.__setattr__(self, "value", require_finite("value", self.value))
         check_fields(self)
 
     @classmethod
@@ -67,66 +67,67 @@ class Assumed:
         return asdict(self) if self.error else self.value
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Belief:
     """What controllers assume of each parameter, the true value by default.
 
-    A controller with parameters of its own assumes those; one that estimates M and l is not told
-    them. Each field takes what `Assumed.of` takes.
+    A controller with parameters of its own assumes those; one that estimates parameters is not
+    told them.
     """
 
-    cart_mass: Assumed = Assumed()
-    pole_mass: Assumed = Assumed()
-    half_length: Assumed = Assumed()
-    gravity: Assumed = Assumed()
-
-    def __post_init__(self) -> None:
-        """Normalise every field."""
-        for name in PARAMETERS:
-            with within(f"{name} "):
-                assumed = Assumed.of(getattr(self, name))
-            object.__setattr__(self, name, assumed)
-
-    __repr__ = short_repr
+    assumed: ByName[Assumed] = EMPTY  # by name, without those that are just true
+    rest: str = TRUE  # what is assumed of the others, `TRUE` or `NOMINAL`
 
     @classmethod
     def of(cls, given: Any) -> Belief:
-        """Return what a file or a caller gives: one value for all parameters, or a table."""
+        """Return what a file or a caller gives: one word for all parameters, or a table."""
         if isinstance(given, cls):
             return given
         if isinstance(given, str):
-            return cls(**dict.fromkeys(PARAMETERS, Assumed(value=given)))
+            word = Assumed(value=given).value
+            return cls(rest=str(word))
         require_type("belief", given, Mapping)
-        for name in given:
-            if name not in PARAMETERS:
-                raise UnknownNameError.among("key", name, PARAMETERS)
-        return cls(**given)
+        found = {}
+        for name, one in given.items():
+            with within(f"{name} "):
+                found[str(name)] = Assumed.of(one)
+        return cls(ByName(found))
+
+    def of_plant(self, names: Sequence[str]) -> Belief:
+        """Return the same in the order of a plant's parameters, or raise."""
+        for name in self.assumed:
+            if name not in names:
+                raise UnknownNameError.among("key", name, names)
+        found = {name: self.one(name) for name in names}
+        if self.rest == NOMINAL and all(one == Assumed(NOMINAL) for one in found.values()):
+            return Belief(rest=NOMINAL)
+        return Belief(ByName({name: one for name, one in found.items() if one != Assumed()}))
+
+    def one(self, name: str) -> Assumed:
+        """Return what is assumed of one parameter."""
+        return self.assumed.get(name) or Assumed(value=self.rest)
+
+    __repr__ = short_repr
 
     @property
     def table(self) -> Any:
-        """What `of` takes, without what is true; one word where all parameters are nominal."""
-        if self == Belief.of(NOMINAL):
-            return NOMINAL
-        found = {name: getattr(self, name).plain for name in PARAMETERS}
-        return {name: value for name, value in found.items() if value != TRUE}
+        """What `of` takes, in its shortest form."""
+        if self.rest != TRUE and not self.assumed:
+            return self.rest
+        return {name: one.plain for name, one in self.assumed.items()}
 
-    def known(self, nominal: CartPoleParameters) -> Belief:
+    def known(self, nominal: Mapping[str, float]) -> Belief:
         """Return the same with numbers for the nominal values of some parameters."""
 
         def known(name: str) -> Assumed:
-            one: Assumed = getattr(self, name)
-            return replace(one, value=getattr(nominal, name)) if one.value == NOMINAL else one
+            one = self.one(name)
+            return replace(one, value=nominal[name]) if one.value == NOMINAL else one
 
-        return Belief(**{name: known(name) for name in PARAMETERS})
-
-    def about(self, plant: CartPoleParameters) -> CartPoleParameters:
-        """Return what is assumed of a plant, for which it takes the nominal one to be `plant`."""
-        told = {name: self.told(name, getattr(plant, name)) for name in PARAMETERS}
-        return CartPoleParameters(**told)
+        return Belief(ByName({name: known(name) for name in nominal})).of_plant([*nominal])
 
     def told(self, name: str, truth: Any, nominal: float | None = None) -> Any:
         """Return what is assumed of one parameter, given its true values."""
-        one: Assumed = getattr(self, name)
+        one = self.one(name)
         value = one.value
         if value == NOMINAL and nominal is not None:
             value = nominal
@@ -134,26 +135,20 @@ class Belief:
         return base * (1.0 + one.error)
 
     def changed(self, **errors: float) -> Belief:
-        """Return the same with other errors, by the names of `ERRORS`."""
-        return replace(
-            self,
-            **{
-                (key := name.removesuffix(ERROR)): replace(getattr(self, key), error=error)
-                for name, error in errors.items()
-            },
-        )
+        """Return the same with other errors, by name with the ending `ERROR`."""
+        keys = [name.removesuffix(ERROR) for name in errors]
+        new = {key: replace(self.one(key), error=errors[f"{key}{ERROR}"]) for key in keys}
+        return Belief(ByName({**self.assumed, **new}), self.rest)
 
     def error(self, name: str) -> float:
-        """Return an error by one of the names of `ERRORS`."""
-        found: float = getattr(self, name.removesuffix(ERROR)).error
-        return found
+        """Return an error by its name with the ending `ERROR`."""
+        return self.one(name.removesuffix(ERROR)).error
 
 
-PARAMETERS = tuple(one.name for one in fields(Belief))
-"""Everything that is assumed."""
+def is_error(path: str) -> bool:
+    """Return whether a path names an error of the belief."""
+    return path.endswith(ERROR)
 
-ERRORS = tuple(f"{name}{ERROR}" for name in PARAMETERS)
-"""Names of the errors of what is assumed."""
 
 TRUTH = Belief()
 """Controllers are told the truth at each instant."""

@@ -145,13 +145,13 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
 
     Imperfections that are not ideal in the scenario stay as they are.
     """
-    if scenario.ranges != FIXED:
+    if scenario.ranges != FIXED or not scenario.is_cart_pole:
         return scenario
     own = scenario.imperfections
     free = {
         name: bounds
         for name, bounds in HARDWARE_RANGES.items()
-        if own.at(name) == IDEAL.at(name) and name not in own.without_effect
+        if own.at(name) == IDEAL.at(name) and not own.without_effect(name)
     }
     begin = {name: one.range for name, one in START.items()} if start else {}
     return replace(scenario, ranges=Ranges(varied={**begin, **free}))

@@ -7,6 +7,7 @@ own classes check the values.
 from __future__ import annotations
 
 import functools
+import inspect
 import json
 import operator
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,7 +19,9 @@ import tomli_w
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
-from afl_mujoco.scenario.belief import PARAMETERS, Belief
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Parameter, Plant, load_plant
+from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -81,7 +84,15 @@ def _union(builders: Mapping[str, Callable[..., Any]]) -> Any:
     members: list[Any] = []
     for shape, builder in builders.items():
         hints = get_type_hints(builder)
-        keys = [(n, types.get(hint, hint)) for n, hint in hints.items() if n != "return"]
+        defaults = {
+            name: (one.default,)
+            for name, one in inspect.signature(builder).parameters.items()
+            if one.default is not one.empty
+        }
+        keys = [
+            (n, types.get(hint, hint), *defaults.get(n, ()))
+            for n, hint in hints.items() if n != "return"
+        ]  # fmt: skip
         own = {"__module__": __name__}  # where pydantic looks for _Schedule
         table: list[Any] = [("shape", Literal[shape], shape), *keys]
         members.append(make_dataclass(shape, table, frozen=True, kw_only=True, namespace=own))
@@ -106,8 +117,26 @@ class Replay:
 
 
 @dataclass(frozen=True, kw_only=True)
+class _Names:
+    """A plant as a result keeps it: its names, and where it is from; nothing that is executed."""
+
+    name: str
+    origin: str = ""
+    coordinates: list[str] = field(default_factory=list)
+    units: dict[str, str] = field(default_factory=dict)
+    inputs: list[str] = field(default_factory=list)
+    parameters: dict[str, float] = field(default_factory=dict)
+    wraps: list[str] = field(default_factory=list)
+    signals: list[str] = field(default_factory=list)
+    upright: list[float] | None = None
+    start: list[float] | None = None
+    ends_at: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
 class _File:
     name: str | None = None
+    plant: str | _Names | None = None
     duration: float | None = None
     initial_state: Any = None
     schedule: dict[str, _Schedule] = field(default_factory=dict)
@@ -119,7 +148,7 @@ class _File:
     replay: Replay = field(default_factory=Replay)
 
 
-_ABSENT_WHERE_EMPTY = ("imperfections", "requirements", "belief", "ranges")
+_ABSENT_WHERE_EMPTY = ("plant", "imperfections", "requirements", "belief", "ranges")
 
 
 _NAMED = {**SCENARIOS, LABORATORY.name: LABORATORY}
@@ -146,7 +175,7 @@ def load_scenario(path: str | Path) -> Scenario:
     path = Path(path)
     file = _read(path)
     with within(f"{path}: "):
-        return _scenario(file, default_name=path.stem)
+        return _scenario(file, default_name=path.stem, folder=path.parent)
 
 
 def find_replay(name: str) -> Replay:
@@ -175,6 +204,11 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
     """
     require_type("scenario", scenario, Scenario)
     table = scenario_to_table(scenario)
+    if not scenario.is_cart_pole:
+        if not scenario.plant.origin:
+            rule = "must be loaded from a file, as FILE.py:NAME, to be named in one"
+            raise InvalidValueError(f"plant {scenario.plant.name!r}", rule)
+        table["plant"] = scenario.plant.origin
     if replay is not None:
         table["replay"] = {name: value for name, value in asdict(replay).items() if value}
     write_text(Path(path), tomli_w.dumps(table))
@@ -237,18 +271,46 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
     """
     s = scenario
     shapes = {builder: shape for shape, builder in _DISTURBANCES.items()}
+    acting = [{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances]
     found = {
         "name": s.name,
+        "plant": None if s.is_cart_pole else _plant_to_table(s.plant),
         "duration": s.duration,
-        "initial_state": dict(zip(STATE, s.initial_state, strict=True)),
+        "initial_state": dict(zip(s.plant.states, s.initial_state, strict=True)),
         "schedule": {name: _knots(one) for name, one in s.schedule.items()},
-        "disturbances": [{"shape": shapes[type(d)], **asdict(d)} for d in s.disturbances],
+        "disturbances": [{k: x for k, x in one.items() if x != ""} for one in acting],
         "imperfections": departures(s.imperfections),
         "requirements": departures(s.requirements),
         "belief": s.belief.table,
         "ranges": s.ranges.table,
     }
     return {key: value for key, value in found.items() if value or key not in _ABSENT_WHERE_EMPTY}
+
+
+def _plant_to_table(plant: Plant) -> dict[str, Any]:
+    """Return what a result keeps of a plant."""
+    found = {name: getattr(plant, name) for name in ("name", "origin", "upright", "start")}
+    found |= {name: [*getattr(plant, name)] for name in ("coordinates", "inputs", "wraps")}
+    nominal = {name: one.value for name, one in plant.parameters.items()}
+    found |= {"parameters": nominal, "units": dict(plant.units), "signals": [*plant.signals]}
+    found |= {"ends_at": dict(plant.ends_at)}
+    return {name: value for name, value in found.items() if value not in (None, "", [], {})}
+
+
+def _plant(given: str | _Names | None, folder: Path | None) -> Plant:
+    """Return the plant of a file, loaded; of a result its names, which cannot be simulated."""
+    if given in (None, CART_POLE.name):
+        return CART_POLE
+    if isinstance(given, str):
+        return load_plant(given, folder)
+    units = given.units
+    values = {name: Parameter(x, units.get(name, "")) for name, x in given.parameters.items()}
+    table = {one.name: getattr(given, one.name) for one in fields(given)}
+    del table["units"]
+    names = dict.fromkeys(given.signals, float)
+    known = Plant(**{**table, "parameters": values, "signals": names}, model="<mujoco/>")
+    object.__setattr__(known, "units", units)
+    return known
 
 
 def _knots(schedule: Schedule) -> Any:
@@ -272,7 +334,7 @@ def _read(path: Path) -> _File:
 
 
 _MOVED: Mapping[str, str] = {
-    **{name: f"[schedule] {name}" for name in PARAMETERS},
+    **{name: f"[schedule] {name}" for name in CART_POLE.parameters},
     "imperfections.actuator_lag": "lag",
     "imperfections.force_limit": "input_limit",
     **{
@@ -315,8 +377,10 @@ def _require_new_spelling(path: Path, table: Mapping[str, Any]) -> None:
                 raise InvalidValueError(f"{path}: {key}", f"is not a known key; it is now {now}")
 
 
-def _scenario(file: _File, default_name: str) -> Scenario:
-    """Build the scenario that a file describes."""
+def _scenario(file: _File, default_name: str, folder: Path | None = None) -> Scenario:
+    """Build the scenario that a file describes; its plant may be relative to a folder."""
+    with within("plant: " if isinstance(file.plant, _Names) else ""):
+        plant = _plant(file.plant, folder)
     given: dict[str, Any] = {
         name: value
         for name in ("duration", "initial_state")
@@ -336,6 +400,7 @@ def _scenario(file: _File, default_name: str) -> Scenario:
         ranges = Ranges.of(file.ranges)
     return Scenario(
         name=default_name if file.name is None else file.name,
+        plant=plant,
         schedule=schedule,
         disturbances=tuple(disturbances),
         imperfections=file.imperfections,

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.belief import ERRORS
-from afl_mujoco.scenario.parameters import COORDINATES, INPUTS, RATES, STATE
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.values import (
     EMPTY,
     ByName,
@@ -30,9 +32,6 @@ from afl_mujoco.values import (
     short_repr,
     within,
 )
-
-BELIEVED = ("parameter_delay", *ERRORS)
-"""What changes only what controllers are told of the plant."""
 
 LARGEST_SEED = 2**63 - 1
 """What a TOML file can hold."""
@@ -68,12 +67,14 @@ class Imperfection:
     @property
     def of_belief(self) -> bool:
         """Whether it changes what controllers assume, and nothing else."""
-        return bool(self.fields) and all(name in BELIEVED for name in self.fields)
+        return bool(self.fields) and all(
+            is_error(name) or name == "parameter_delay" for name in self.fields
+        )
 
     @property
     def adds(self) -> bool:
         """Whether a level is added to what a scenario has itself, rather than the total."""
-        return bool(self.fields) and all(name in ERRORS for name in self.fields)
+        return bool(self.fields) and all(map(is_error, self.fields))
 
     @property
     def less_is_worse(self) -> bool:
@@ -185,7 +186,7 @@ class Imperfections(Checked):
     """Delay with which the controller gets M and l."""
     end_stops: _Limit = EMPTY
     """How far a coordinate can go to either side of 0 before it hits an end stop, which gives by a
-    few mm at 1 m/s; the cart-pole's `z` has them."""
+    few mm at 1 m/s."""
     seed: Annotated[int, require_seed] = 0
     """Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is
     set."""
@@ -221,16 +222,16 @@ class Imperfections(Checked):
                 continue
             table = found.get(name, getattr(self, name))
             if not isinstance(table, Mapping):
-                table = dict.fromkeys(BY_NAME[name], table)
+                raise InvalidValueError(f"imperfections.{path}", f"is {name} for all of them")
             kept = {n: x for n, x in table.items() if n != part}
             ideal = value is None or value == 0.0
             found[name] = kept if ideal else {**kept, part: value}
         return replace(self, **found)
 
-    def of_plant(self) -> Imperfections:
-        """Return the same by the names of the plant, what is ideal left out, or raise."""
+    def of_plant(self, plant: Plant) -> Imperfections:
+        """Return the same by the names of a plant, what is ideal left out, or raise."""
         found: dict[str, Any] = {}
-        for name, known in BY_NAME.items():
+        for name, known in names_of(plant).items():
             value = getattr(self, name)
             with within(f"imperfections.{name} "):
                 table = value if isinstance(value, Mapping) else dict.fromkeys(known, value)
@@ -239,45 +240,71 @@ class Imperfections(Checked):
         for name in BY_INPUT:
             if isinstance(value := getattr(self, name), Mapping):
                 with within(f"imperfections.{name} "):
-                    (found[name],) = ByName(value).ordered((*INPUTS,)).values() or (None,)
+                    own = ByName(value).ordered(plant.inputs)
+                alone = len(plant.inputs) == 1
+                found[name] = (*own.values(), IDEAL_INPUT[name])[0] if alone else own
+        for name in DETAILS:
+            if getattr(self, name) and name not in plant.details:
+                rule = f"is of another plant than {plant.name!r}"
+                raise InvalidValueError(f"imperfections.{name}", rule)
         return replace(self, **found)
+
+    def of_input(self, name: str, key: str) -> Any:
+        """Return a number that is said of inputs for one of them."""
+        value = getattr(self, name)
+        return value.get(key, IDEAL_INPUT[name]) if isinstance(value, Mapping) else value
+
+    @property
+    def longest_delay(self) -> float:
+        """The longest transport delay of an input [s]."""
+        found = self.delay
+        return max(found.values(), default=0.0) if isinstance(found, Mapping) else float(found)
 
     @property
     def noisy(self) -> bool:
         """Whether a run draws random numbers, so that another seed gives another run."""
-        return any(self.at(f"noise.{name}") for name in STATE)
+        return _some(self.noise)
 
     @property
     def drawn(self) -> bool:
         """Whether a run is one draw of many: of its noise, or of its start within encoder steps."""
-        return self.noisy or any(self.at(f"encoder_step.{name}") for name in COORDINATES)
+        return self.noisy or _some(self.encoder_step)
 
-    @property
-    def without_effect(self) -> tuple[str, ...]:
-        """Noise that nothing measures, because velocities are differences of positions, by path."""
-        return tuple(f"noise.{name}" for name in RATES) if self.differentiated else ()
+    def without_effect(self, path: str) -> bool:
+        """Return whether a path is noise of velocities that are differences of positions."""
+        return self.differentiated and path.startswith("noise.") and path.endswith("_dot")
 
     __repr__ = short_repr
 
 
-BY_NAME: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "encoder_step": (*COORDINATES,),
-        "noise": (*STATE,),
-        **dict.fromkeys(("damping", "dry_friction", "armature"), (*COORDINATES,)),
-        "end_stops": ("z",),
-    }
+def _some(levels: Any) -> bool:
+    """Return whether one of some levels, or a level for all, is not 0."""
+    return any(levels.values()) if isinstance(levels, Mapping) else bool(levels)
+
+
+def names_of(plant: Plant) -> Mapping[str, tuple[str, ...]]:
+    """Return what is said of coordinates, and of which."""
+    own = ("encoder_step", "damping", "dry_friction", "armature", "end_stops")
+    return {"noise": plant.states, **dict.fromkeys(own, tuple(plant.coordinates))}
+
+
+IDEAL_INPUT: Mapping[str, float | None] = MappingProxyType(
+    {"delay": 0.0, "lag": 0.0, "input_limit": None, "slew_rate": None}
 )
-"""What is said of coordinates, and of which."""
+"""What is said of inputs, and its ideal."""
 
-BY_INPUT = ("delay", "lag", "input_limit", "slew_rate")
-"""What is said of inputs."""
+BY_INPUT = tuple(IDEAL_INPUT)
+
+DETAILS = tuple(CART_POLE.details)
+"""What only the cart-pole has."""
 
 
-def require_on_rail(thing: str, z: float, rail: float | None, which: str = "end_stops.z") -> None:
-    """Raise if a position [m] lies at an end of the rail or beyond; None is a rail without ends."""
-    if rail is not None and abs(z) >= rail:
-        raise InvalidValueError(thing, f"must lie within {which}, {rail:g} m", f"{z:g} m")
+def require_within_stop(
+    thing: str, x: float, stop: float | None, which: str, unit: str = "m"
+) -> None:
+    """Raise if a position lies at an end stop or beyond; None is a coordinate without one."""
+    if stop is not None and abs(x) >= stop:
+        raise InvalidValueError(thing, f"must lie within {which}, {stop:g} {unit}", f"{x:g} {unit}")
 
 
 _COUNT = 2.0 * math.pi / 4096.0  # [rad], of an encoder with 4096 counts per turn
@@ -298,8 +325,7 @@ _BELIEF: Mapping[str, Declaration] = {
     ), "measured by hand"),
     **{
         name: Declaration("1")
-        for name in ERRORS
-        if name not in ("cart_mass_error", "half_length_error")
+        for name in (f"{parameter}{ERROR}" for parameter in ("pole_mass", "gravity"))
     },
 }  # fmt: skip
 """The errors of what controllers assume, which are part of the belief of a scenario."""
@@ -396,6 +422,64 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
     "dry_friction.phi": Declaration("N m"),
 })  # fmt: skip
 """The declaration of each number by its path, and of each error of the belief; rail last."""
+
+
+def declarations(plant: Plant) -> Mapping[str, Declaration]:
+    """Return the declaration of each number by its path, for a plant."""
+    if plant.states == CART_POLE.states:
+        return DECLARATIONS
+    return _declared(plant)
+
+
+def imperfections_of(plant: Plant) -> tuple[Imperfection, ...]:
+    """Return every imperfection of a plant whose thresholds are searched."""
+    return tuple(one for declared in declarations(plant).values() for one in declared.swept)
+
+
+@cache
+def _declared(plant: Plant) -> Mapping[str, Declaration]:
+    """Return the declarations of a plant of which nobody said what its hardware is like."""
+    units, known = plant.units, names_of(plant)
+    found = {name: DECLARATIONS[name] for name in ("control_period", "delay", "lag")}
+    limit, slew = DECLARATIONS["input_limit"].swept[0], DECLARATIONS["slew_rate"].swept[0]
+    found["input_limit"] = Declaration("", (replace(limit, unit="", harsh=0.01),))
+    found["slew_rate"] = Declaration("", (replace(slew, unit="", harsh=0.1),))
+    first, encoders = plant.coordinates[0], {f"encoder_step.{x}": 1.0 for x in plant.coordinates}
+    noise = {f"noise.{x}": 1.0 for x in plant.coordinates}
+    noise |= {f"noise.{x}_dot": 10.0 for x in plant.coordinates}
+    swept = {
+        f"encoder_step.{first}": replace(_swept("encoder"), fields=encoders),
+        f"noise.{first}": replace(_swept("noise"), fields=noise),
+    }
+    for name in ("encoder_step", "noise", "damping", "dry_friction", "armature", "end_stops"):
+        for part in known[name]:
+            path = f"{name}.{part}"
+            more = (swept[path],) if path in swept else ()
+            if name in ("damping", "dry_friction", "armature"):
+                words = f"{name.replace('_', ' ')} of {part}"
+                more = (
+                    Imperfection(name=f"{name.replace('_', '-')}-{part}", title=words, unit="",
+                        fields={path: 1.0}, reference=1e-3, benign=1e-5, harsh=1e3),
+                )  # fmt: skip
+            unit = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
+            found[path] = Declaration(unit, more)
+    found["differentiated"] = Declaration("", (replace(_swept("differentiated"), fields=encoders),))
+    found |= {name: DECLARATIONS[name] for name in ("velocity_filter", "parameter_delay")}
+    for name in plant.parameters:
+        path = f"{name}{ERROR}"
+        found[path] = Declaration("1", tuple(
+            Imperfection(name=f"{name.replace('_', '-')}-{way}", title=f"{name} assumed {words}",
+                unit="%", scale=1e2, fields={path: sign}, reference=0.05, benign=0.01, harsh=harsh)
+            for way, words, sign, harsh in (
+                ("over", "too large", 1.0, 30.0), ("under", "too small", -1.0, 0.95))
+        ))  # fmt: skip
+    return MappingProxyType(found)
+
+
+def _swept(name: str) -> Imperfection:
+    """Return a declared imperfection by its name."""
+    return next(one for one in IMPERFECTIONS if one.name == name)
+
 
 IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""

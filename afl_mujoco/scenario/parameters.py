@@ -19,8 +19,17 @@ RATES = MappingProxyType({f"{name}_dot": f"{unit}/s" for name, unit in COORDINAT
 STATE = MappingProxyType({**COORDINATES, **RATES})
 """The state and its units."""
 
-SYMBOLS = MappingProxyType(dict(zip(STATE, ("z", "φ", "z′", "φ′"), strict=True)))
-"""The state in a report."""
+_GREEK = {
+    "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "theta": "θ", "phi": "φ", "psi": "ψ",
+    "omega": "ω",
+}  # fmt: skip
+
+
+def symbol(name: str) -> str:
+    """Return a name of a state, an input or a signal as a report writes it."""
+    whole, prime = name.removesuffix("_dot"), "′" if name.endswith("_dot") else ""
+    return f"{_GREEK.get(whole, whole)}{prime}"
+
 
 INPUTS = MappingProxyType({"force": "N"})
 """The inputs and their units."""

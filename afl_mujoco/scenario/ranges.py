@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant
-from afl_mujoco.scenario.belief import ERRORS, require_error
-from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS, Imperfections
-from afl_mujoco.scenario.parameters import CONSTANTS, SCHEDULES, STATE
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.scenario.belief import is_error, require_error
+from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS, Imperfections, declarations
+from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.values import (
     EMPTY,
     ByName,
@@ -22,6 +24,7 @@ from afl_mujoco.values import (
     require_whole,
     short_repr,
     table_of,
+    within,
 )
 
 Range = tuple[float, float]
@@ -29,20 +32,32 @@ Range = tuple[float, float]
 _FIXED = ("control_period", "differentiated")
 """Imperfections that may not vary: a period, which other periods must divide, and a switch."""
 
-HARDWARE = (
-    *DRAWS,
-    *(name for name in DECLARATIONS if name not in DRAWS and name not in _FIXED),
-)
-"""Imperfections that may vary, in the order of their axes."""
 
-VARIABLE = (*STATE, *SCHEDULES, *HARDWARE, *CONSTANTS)
-"""Everything that may vary."""
+@cache
+def hardware_of(plant: Plant) -> tuple[str, ...]:
+    """Return the imperfections of a plant that may vary, in the order of their axes."""
+    known = declarations(plant)
+    drawn = DRAWS if known is DECLARATIONS else {}
+    return (*drawn, *(name for name in known if name not in drawn and name not in _FIXED))
 
 
-def unit_of(name: str) -> str:
+@cache
+def scheduled(plant: Plant) -> tuple[str, ...]:
+    """Return the parameters of a plant that may change during a run."""
+    return tuple(SCHEDULES) if plant is CART_POLE else tuple(plant.parameters)
+
+
+@cache
+def variable(plant: Plant) -> tuple[str, ...]:
+    """Return everything of a plant that may vary, in the order of the axes."""
+    constants = [name for name in plant.parameters if name not in scheduled(plant)]
+    return (*plant.states, *scheduled(plant), *hardware_of(plant), *constants)
+
+
+def unit_of(plant: Plant, name: str) -> str:
     """Return the unit of something that may vary."""
-    units = {**STATE, **SCHEDULES, **CONSTANTS}
-    return units[name] if name in units else DECLARATIONS[name].unit
+    units = plant.units
+    return units[name] if name in units else declarations(plant)[name].unit
 
 
 MOST_CHANGES = 100
@@ -57,30 +72,50 @@ def _changes(thing: str, value: object) -> int:
 class Ranges:
     """What varies from run to run, and how far; the rest is as the scenario says."""
 
-    # least and largest value by name, one of `VARIABLE`; values are drawn uniformly. Where M or l
-    # varies, its schedule is drawn, with levels within the range
+    # least and largest value by name, one of `variable`; values are drawn uniformly. Where a
+    # parameter varies, its schedule is drawn, with levels within the range
     varied: Mapping[str, Range] = EMPTY
     # largest absolute rate of change of drawn schedules, by name [unit/s]; without one they jump
     rates: Annotated[Any, table_of(require_positive)] = EMPTY
-    # how many times M and l change to another level, 0 for levels that stay. None for the paper's
-    # shapes: one level, two jumps between three levels or a trapezoid between two
+    # how many times parameters change to another level, 0 for levels that stay. None for the
+    # paper's shapes: one level, two jumps between three levels or a trapezoid between two
     changes: Annotated[int, _changes] | None = None
-    # latest time at which M and l begin to change [s]; half the duration if None
+    # latest time at which parameters begin to change [s]; half the duration if None
     last_change: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Validate every range and store its numbers as floats."""
+        """Store the numbers of every range as floats."""
         varied = ByName({name: _range(name, bounds) for name, bounds in self.varied.items()})
-        object.__setattr__(self, "varied", varied.ordered(VARIABLE))
+        object.__setattr__(self, "varied", varied)
         check_fields(self)
-        object.__setattr__(self, "rates", self.rates.ordered([*SCHEDULES]))
+
+    def of_plant(self, plant: Plant, ends_at: Mapping[str, float]) -> Ranges:
+        """Return the same in the order of a plant's names, or raise.
+
+        ends_at: How far from 0 a run may not start, by name.
+        """
+        if self == FIXED:
+            return self
+        known, changing = variable(plant), scheduled(plant)
+        for name, bounds in self.varied.items():
+            if name not in known:
+                which = (
+                    f"known keys: {', '.join((*known, *settings_of(plant)))}{meant(name, known)}"
+                )
+                raise InvalidValueError(f"ranges.{name}", f"is not a known key; {which}")
+            with within("ranges."):
+                _require_allowed(plant, name, bounds, ends_at.get(name))
         for name in self.rates:
-            if name not in varied:
-                raise InvalidValueError(f"{name}{RATE}", f"needs a range of {name}")
+            if name not in changing:
+                raise UnknownNameError.among("rate", name, changing).within("ranges.")
+            if name not in self.varied:
+                raise InvalidValueError(f"ranges.{name}{RATE}", f"needs a range of {name}")
         drawn = (self.changes, self.last_change) != (None, None)
-        if drawn and not varied.keys() & SCHEDULES.keys():
+        if drawn and not self.varied.keys() & {*changing}:
             thing = "changes" if self.changes is not None else "last_change"
-            raise InvalidValueError(thing, f"needs a range of {' or '.join(SCHEDULES)}")
+            raise InvalidValueError(f"ranges.{thing}", f"needs a range of {' or '.join(changing)}")
+        varied = ByName({name: self.varied[name] for name in known if name in self.varied})
+        return replace(self, varied=varied, rates=self.rates.ordered(changing))
 
     __repr__ = short_repr
 
@@ -88,21 +123,16 @@ class Ranges:
     def of(cls, table: Mapping[str, Any]) -> Ranges:
         """Return the ranges from the table of a file."""
         varied: dict[str, Any] = {}
+        rates: dict[str, Any] = {}
         for name, value in table.items():
             if isinstance(value, Mapping):
                 varied |= {f"{name}.{part}": bounds for part, bounds in value.items()}
+            elif name.endswith(RATE) and name != "slew_rate":
+                rates[name.removesuffix(RATE)] = value
             elif name not in SETTINGS:
                 varied[name] = value
-        for name in varied:
-            if name not in VARIABLE:
-                known = (*VARIABLE, *SETTINGS)
-                which = f"known keys: {', '.join(known)}{meant(name, known)}"
-                raise InvalidValueError(name, f"is not a known key; {which}")
-        return cls(
-            varied=varied,
-            rates={name: table[key] for name in SCHEDULES if (key := f"{name}{RATE}") in table},
-            **{name: table[name] for name in ("changes", "last_change") if name in table},
-        )
+        own = {name: table[name] for name in SETTINGS if name in table}
+        return cls(varied=varied, rates=rates, **own)
 
     @property
     def table(self) -> dict[str, Any]:
@@ -122,31 +152,40 @@ class Ranges:
 RATE = "_rate"
 """Ending of the key of the largest rate of a schedule."""
 
-SETTINGS = (*(f"{name}{RATE}" for name in SCHEDULES), "changes", "last_change")
-"""Keys of the table besides the ranges."""
+SETTINGS = ("changes", "last_change")
+
+
+def settings_of(plant: Plant) -> tuple[str, ...]:
+    """Return the keys of the table besides the ranges."""
+    return (*(f"{name}{RATE}" for name in scheduled(plant)), *SETTINGS)
 
 
 def _range(name: str, bounds: Any) -> Range:
     """Return a range as it is stored, or raise."""
-    if name not in VARIABLE:
-        raise UnknownNameError.among("range", name, VARIABLE)
     if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
         rule = "must be a range: its least and its largest value"
         raise InvalidValueError(name, rule, repr(bounds))
-    rule_of: Callable[[str, Any], Any] = require_finite
-    if name in SCHEDULES or name in CONSTANTS:
-        rule_of = require_positive
-    elif name in ERRORS:
-        rule_of = require_error
-    elif name in DECLARATIONS:
-        rule_of = checks(Imperfections)[name.partition(".")[0]]
-    low, high = (float(rule_of(name, require_finite(name, x))) for x in bounds)
-    if name == "phi" and not max(-low, high) < 0.5 * math.pi:
-        rule = "must lie between -pi/2 and pi/2, at which a pole has fallen"
-        raise InvalidValueError(name, rule, f"{low:g} to {high:g}")
+    low, high = (require_finite(name, x) for x in bounds)
     if not low <= high:
         raise InvalidValueError(name, "must not decrease", f"{low:g} to {high:g}")
     return low, high
+
+
+def _require_allowed(plant: Plant, name: str, bounds: Range, end: float | None) -> None:
+    """Raise unless both ends of a range are values that the thing may have."""
+    rule_of: Callable[[str, Any], Any] = require_finite
+    if name in plant.parameters:
+        if (plant.parameters[name].low or 0.0) > 0.0:
+            rule_of = require_positive
+    elif is_error(name):
+        rule_of = require_error
+    elif name not in plant.states:
+        rule_of = checks(Imperfections)[name.partition(".")[0]]
+    for x in bounds:
+        rule_of(name, x)
+    if end is not None and plant.units[name] == "rad" and not max(map(abs, bounds)) < end:
+        rule = f"must lie between -{end:.4g} and {end:.4g} rad, where a run ends"
+        raise InvalidValueError(name, rule, f"{bounds[0]:g} to {bounds[1]:g}")
 
 
 FIXED = Ranges()

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.parameters import STATE, SYMBOLS
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.values import (
     EMPTY,
     ByName,
     Positive,
     Switch,
     check_fields,
+    require_finite,
     require_positive,
     short_repr,
     table_of,
@@ -32,25 +35,59 @@ class Asked(NamedTuple):
     metric: str = ""  # which the limit is on, if it is on one
 
 
-REQUIREMENTS = MappingProxyType(
+_WORDS = MappingProxyType(
     {
-        "completes": Asked("s", "runs to the end"),
-        "end_stops": Asked("m", "keeps off the end stops at"),
-        **{f"max.{name}": Asked(unit, f"|{SYMBOLS[name]}| at most", f"peak_{name}")
-           for name, unit in STATE.items()},
-        "max.force_command": Asked("N", "command at most", "max_command"),
-        "max.force": Asked("N", "|F| exerted at most", "max_force"),
-        "settling_time": Asked("s", "settles within"),
-        "recover_within": Asked("s", "recovers within"),
+        "completes": "runs to the end",
+        "end_stops": "keeps off the end stops at",
+        "max.force_command": "command at most",
+        "max.force": "|F| exerted at most",
+        "settling_time": "settles within",
+        "recover_within": "recovers within",
     }
-)  # fmt: skip
-"""Every requirement by the name under which it is judged, in the order in which it is shown."""
+)
 
-PEAKS = tuple(name for name, one in REQUIREMENTS.items() if one.metric)
-"""The requirements on largest values, of what is exerted and of what the controller asks for."""
 
-BANDS = MappingProxyType({"z": 0.05, "phi": 0.02})
-"""The bands around 0 within which a run is at rest, by default."""
+def words_of(name: str) -> str:
+    """Return a requirement in words, before its limit."""
+    way, _, thing = name.partition(".")
+    whole, asked = thing.removesuffix("_command"), " asked" * thing.endswith("_command")
+    shown = f"{symbol(whole)}{asked}"
+    return _WORDS.get(name) or (f"|{shown}| at most" if way == "max" else f"{shown} at least")
+
+
+@cache
+def asked_of(plant: Plant) -> Mapping[str, Asked]:
+    """Return every requirement by the name under which it is judged, in the order of tables."""
+    units = plant.units
+    found = {
+        "completes": Asked("s", words_of("completes")),
+        "end_stops": Asked(units[plant.coordinates[0]], words_of("end_stops")),
+    }
+    for name in plant.states:
+        found[f"max.{name}"] = Asked(units[name], words_of(f"max.{name}"), f"peak_{name}")
+    for name in plant.inputs:
+        single, unit = len(plant.inputs) == 1, units[name]
+        command, exerted = words_of(f"max.{name}_command"), words_of(f"max.{name}")
+        metric = "max_command" if single else f"max_{name}_command"
+        found[f"max.{name}_command"] = Asked(unit, command, metric)
+        found[f"max.{name}"] = Asked(unit, exerted, f"max_{name}")
+    for name in plant.signals:
+        found[f"max.{name}"] = Asked("", words_of(f"max.{name}"), f"peak_{name}")
+    for name in (*plant.states, *plant.signals):
+        found[f"min.{name}"] = Asked(units.get(name, ""), words_of(f"min.{name}"), f"least_{name}")
+    found |= {name: Asked("s", words_of(name)) for name in ("settling_time", "recover_within")}
+    return MappingProxyType(found)
+
+
+_BANDS = {"m": 0.05, "rad": 0.02}
+
+
+def bands_of(plant: Plant) -> Mapping[str, float]:
+    """Return the bands around their targets within which coordinates are at rest, by default."""
+    return {name: _BANDS[plant.units[name]] for name in plant.coordinates}
+
+
+_Tables = Annotated[Any, table_of(require_positive)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,19 +98,26 @@ class Requirements:
     ----------
     completes
         Whether it has to reach its horizon.
+    target
+        Where coordinates and signals should be, by name; `upright` of the plant, else 0, by
+        default. `max`, `bands`, `ends_at`, settling and integrals measure the deviation from it.
     max
-        Largest absolute values at any time, by name: of the state (`z` [m], `phi` [rad]), of what
-        the drive exerts (`force` [N]), of what the controller asks for (`force_command` [N]).
+        Largest absolute values at any time, by name: of the state, of what a drive exerts
+        (`force`), of what the controller asks for (`force_command`), of signals.
+    min
+        Least values of states and signals, by name.
+    ends_at
+        How far from its target a coordinate ends the run as failed, by name; that of the plant by
+        default, none if empty.
     settling_time
         Time by which every coordinate has to be within its band, and stay there until the first
         disturbance or the end [s].
     recover_within
         How long the coordinates may be outside their bands after each disturbance [s].
     bands
-        Half-widths of the bands around 0 in which a run is at rest, by name of the coordinate
-        [m, rad].
+        Half-widths of the bands in which a run is at rest, by name of the coordinate [m, rad].
     end_stops_allowed
-        Whether the cart may reach an end stop of its rail; otherwise a run that does fails.
+        Whether a coordinate may reach its end stop; otherwise a run that does fails.
 
     Raises
     ------
@@ -82,33 +126,46 @@ class Requirements:
     """
 
     completes: Switch = True
-    max: Annotated[Any, table_of(require_positive)] = EMPTY
+    target: Annotated[Any, table_of(require_finite)] = EMPTY
+    max: _Tables = EMPTY
+    min: Annotated[Any, table_of(require_finite)] = EMPTY
+    ends_at: _Tables | None = None
     settling_time: Positive | None = None
     recover_within: Positive | None = None
-    bands: Annotated[Any, table_of(require_positive)] = EMPTY
+    bands: _Tables = EMPTY
     end_stops_allowed: Switch = False
 
     def __post_init__(self) -> None:
-        """Validate every field and store its numbers as floats."""
+        """Check every field and store its numbers as floats."""
         check_fields(self)
-        for thing, table in (("max.phi", self.max), ("bands.phi", self.bands)):
-            if (angle := table.get("phi")) is not None and not angle < 0.5 * math.pi:
-                hint = f"{angle:g} degrees is {math.radians(angle):.4f} rad"
-                rule = f"must be less than pi/2, where the pole lies ({hint})"
-                raise InvalidValueError(thing, rule, f"{angle:g}")
 
-    def of_plant(self) -> Requirements:
-        """Return the same in the order of the plant's names, bands as by default left out."""
-        with within("requirements.max "):
-            most = self.max.ordered([name.removeprefix("max.") for name in PEAKS])
-        with within("requirements.bands "):
-            bands = self.bands.ordered([*BANDS])
-        own = ByName({name: band for name, band in bands.items() if band != BANDS[name]})
-        return replace(self, max=most, bands=own)
-
-    def band(self, name: str) -> float:
-        """Return the half-width of the band of a coordinate in which a run is at rest."""
-        return float(self.bands.get(name, BANDS[name]))
+    def of_plant(self, plant: Plant) -> Requirements:
+        """Return the same in the order of a plant's names, bands as by default left out."""
+        known = {
+            "target": (*plant.coordinates, *plant.signals),
+            **{
+                way: [key.removeprefix(f"{way}.") for key in asked_of(plant) if key.startswith(way)]
+                for way in ("max", "min")
+            },
+            "bands": tuple(plant.coordinates),
+        }
+        found: dict[str, Any] = {}
+        for thing, names in known.items():
+            with within(f"requirements.{thing} "):
+                found[thing] = getattr(self, thing).ordered(names)
+        if self.ends_at is not None:
+            with within("requirements.ends_at "):
+                found["ends_at"] = self.ends_at.ordered(tuple(plant.coordinates))
+        for thing in ("max", "bands"):
+            for name, end in found.get("ends_at", plant.ends_at).items():
+                value = found[thing].get(name)
+                if value is not None and plant.units[name] == "rad" and not value <= end:
+                    hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
+                    rule = f"must be at most {end:.4g} rad, where a run ends ({hint})"
+                    raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
+        bands = bands_of(plant)
+        own = {name: band for name, band in found["bands"].items() if band != bands[name]}
+        return replace(self, **{**found, "bands": ByName(own)})
 
     __repr__ = short_repr
 

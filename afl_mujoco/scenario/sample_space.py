@@ -13,13 +13,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import (
-    DECLARATIONS,
     FINEST_STEP,
     LARGEST_SEED,
-    require_on_rail,
+    declarations,
+    require_within_stop,
 )
-from afl_mujoco.scenario.parameters import CONSTANTS, COORDINATES, SCHEDULES, STATE
-from afl_mujoco.scenario.ranges import FIXED, HARDWARE, VARIABLE, Range, unit_of
+from afl_mujoco.scenario.ranges import FIXED, Range, hardware_of, scheduled, unit_of, variable
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
     Schedule,
@@ -36,13 +35,11 @@ PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "trapezoid": ("level 1", "level 2", *(f"instant {i}" for i in range(1, 5))),
     }
 )
-"""What each shape uses of the coordinates of M or l."""
+"""What each shape uses of the axes of a parameter."""
 
 SHAPES = tuple(PARTS)
 """Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
 three levels; a trapezoid between two levels."""
-
-ENCODERS = {f"encoder_step.{name}" for name in COORDINATES}
 
 INSTANT = 1e-3
 """Instants of change are multiples of this [s]."""
@@ -71,28 +68,34 @@ class SampleSpace:
         if not self.coordinates:
             rule = "must say in [ranges] what varies"
             raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
-        for name in self.scenario.imperfections.without_effect:
-            if name in self.varied:
+        for name in self.varied:
+            if self.scenario.imperfections.without_effect(name):
                 rule = "must be left out: velocities are differentiated, not measured"
                 raise InvalidValueError(f"ranges.{name}", rule)
         last, least = self.last_change, self._counts[1] * INSTANT
-        if self.varied.keys() & SCHEDULES.keys():
+        if self._drawn:
             if last > self.scenario.duration:
                 raise InvalidValueError("last_change", "must be within the duration", last)
             if not last > least:
                 rule = f"must be more than {least:g} s, for there are {self._counts[1]} instants"
                 raise InvalidValueError("last_change", rule, last)
-        self._require_on_rail()
+        names = self.scenario.plant.coordinates
+        for name, x in zip(names, self.scenario.initial_state, strict=False):
+            self._require_within_stop(name, x)
         for corner in (0.0, 1.0):
             self.scenario_of(np.full(self.dimension, corner), 0, 0)
 
-    def _require_on_rail(self) -> None:
-        """Raise if a sample could start beyond an end of its rail."""
-        own = self.scenario.rail
-        rail = self.varied["end_stops.z"][0] if "end_stops.z" in self.varied else own
-        z = self.scenario.initial_state[0]
-        farthest = max(map(abs, self.varied.get("z", (z, z))))
-        require_on_rail("initial_state z", farthest, rail, "the shortest end_stops.z")
+    def _require_within_stop(self, name: str, x: float) -> None:
+        """Raise if a sample could start beyond an end stop."""
+        key, unit = f"end_stops.{name}", self.scenario.plant.units[name]
+        stop = self.varied[key][0] if key in self.varied else self.scenario.hardware(key)
+        farthest = max(map(abs, self.varied.get(name, (x, x))))
+        require_within_stop(f"initial_state {name}", farthest, stop, f"the shortest {key}", unit)
+
+    @property
+    def _drawn(self) -> set[str]:
+        """The parameters whose schedules are drawn."""
+        return self.varied.keys() & {*scheduled(self.scenario.plant)}
 
     @property
     def varied(self) -> Mapping[str, Range]:
@@ -100,9 +103,8 @@ class SampleSpace:
         return self.scenario.ranges.varied
 
     def bounds(self, name: str) -> Range:
-        """Return the least and the largest M [kg] or l [m] that a sample can have."""
-        mass, length, _, _ = self.scenario.plants
-        return self.varied.get(name, {"cart_mass": mass, "half_length": length}[name])
+        """Return the least and the largest value of a parameter that a sample can have."""
+        return self.varied.get(name, self.scenario.spans[name])
 
     @property
     def last_change(self) -> float:
@@ -118,10 +120,11 @@ class SampleSpace:
         parts += [f"level {i}" for i in range(1, levels + 1)]
         parts += [f"instant {i}" for i in range(1, instants + 1)]
         found: list[str] = []
-        for name in VARIABLE:
+        changing = scheduled(self.scenario.plant)
+        for name in variable(self.scenario.plant):
             low, high = self.varied.get(name, (0.0, 0.0))
             if low < high:  # a single number has no axis
-                found += [f"{name} {part}" for part in parts] if name in SCHEDULES else [name]
+                found += [f"{name} {part}" for part in parts] if name in changing else [name]
         return tuple(found)
 
     @property
@@ -137,19 +140,18 @@ class SampleSpace:
 
     def quantities(self) -> Iterator[Quantity]:
         """Return every number that a sample depends on, with its unit."""
-        ranges, own = self.scenario.ranges, self.scenario.imperfections
+        ranges, own, plant = self.scenario.ranges, self.scenario.imperfections, self.scenario.plant
         for name, bounds in self.varied.items():
-            yield Quantity(name, unit_of(name), bounds)
-        for name, unit in SCHEDULES.items():
-            if name in ranges.rates:
-                yield Quantity(f"{name}_rate", f"{unit}/s", ranges.rates[name])
+            yield Quantity(name, unit_of(plant, name), bounds)
+        for name, rate in ranges.rates.items():
+            yield Quantity(f"{name}_rate", f"{plant.units[name]}/s", rate)
         if ranges.changes is not None:
             yield Quantity("changes", "", float(ranges.changes))
-        if self.varied.keys() & SCHEDULES.keys():
+        if self._drawn:
             yield Quantity("last_change", "s", self.last_change)
         for name, value in own.departing().items():
             if name not in (*self.varied, "seed"):
-                yield Quantity(name, DECLARATIONS[name].unit, float(value))
+                yield Quantity(name, declarations(plant)[name].unit, float(value))
         yield Quantity("duration", "s", self.scenario.duration)
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
@@ -158,21 +160,25 @@ class SampleSpace:
         point: One number in 0 to 1 for each coordinate, shape (dimension,).
         """
         at, base = self._by_name(point), self.scenario
+        plant = base.plant
+        changing = scheduled(plant)
         scaled = {
             name: _within(self.varied[name], at[name]) if name in at else self.varied[name][0]
             for name in self.varied
-            if name not in SCHEDULES
+            if name not in changing
         }
-        for name in ENCODERS & scaled.keys():  # a step below the finest means exact
+        for name in [
+            key for key in scaled if key.startswith("encoder_step.")
+        ]:  # a step below the finest means exact
             scaled[name] = scaled[name] if scaled[name] >= FINEST_STEP else 0.0
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
-        start = zip(STATE, base.initial_state, strict=True)
+        start = zip(plant.states, base.initial_state, strict=True)
         state = tuple(scaled.pop(name, value) for name, value in start)
         drawn: dict[str, Schedule | float] = {
-            **{name: scaled.pop(name) for name in CONSTANTS if name in scaled},
-            **{name: self._schedule(name, at) for name in SCHEDULES if name in self.varied},
+            **{name: scaled.pop(name) for name in plant.parameters if name in scaled},
+            **{name: self._schedule(name, at) for name in changing if name in self.varied},
         }
-        known = replace(base, belief=base.belief.known(base.parameters_at(0.0)))
+        known = replace(base, belief=base.belief.known(base.nominal))
         return replace(
             known.changed({"seed": noise, **scaled}),
             name=f"{base.name}-{seed}-{index:04d}",
@@ -224,9 +230,9 @@ class SampleSpace:
         largest value.
         """
         base = self.scenario
-        own = dict(zip(STATE, base.initial_state, strict=True))
-        own |= {name: base.hardware(name) for name in HARDWARE}
-        own |= {name: getattr(base, name) for name in CONSTANTS}
+        own = dict(zip(base.plant.states, base.initial_state, strict=True))
+        own |= {name: base.hardware(name) for name in hardware_of(base.plant)}
+        own |= base.nominal
         found = []
         for name in self.coordinates:
             thing, _, part = name.partition(" ")
@@ -235,7 +241,7 @@ class SampleSpace:
             elif part.startswith("instant"):
                 found.append(0.5)
             else:
-                value = getattr(base, thing).at(0.0) if part else own[thing]
+                value = own[thing]
                 low, high = self.varied[thing]
                 found.append(1.0 if value is None else _share((low, high), value))
         return np.array(found)
@@ -276,13 +282,13 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
     """
     if index == 0:
         return scenario
-    r = scenario.imperfections
+    r, names = scenario.imperfections, scenario.plant.coordinates
     seed = (r.seed + index) % (LARGEST_SEED + 1)
-    away = Generator(Philox(_stream(seed, _DRAW, index))).uniform(-0.5, 0.5, 2)
-    z, phi, *rates = scenario.initial_state
-    steps = [r.at(f"encoder_step.{name}") for name in COORDINATES]
-    start = (z + away[0] * steps[0], phi + away[1] * steps[1], *rates)
-    return replace(scenario, initial_state=start, imperfections=replace(r, seed=seed))
+    away = Generator(Philox(_stream(seed, _DRAW, index))).uniform(-0.5, 0.5, len(names))
+    start = list(scenario.initial_state)
+    for i, name in enumerate(names):
+        start[i] += float(away[i]) * r.at(f"encoder_step.{name}")
+    return replace(scenario, initial_state=tuple(start), imperfections=replace(r, seed=seed))
 
 
 def draws_of(scenario: Scenario, count: int | None = None) -> list[Scenario]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.scenario.disturbances import Impulse, channel_of, channels_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import PER_SECOND, require_positive
 
@@ -47,11 +47,12 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
 
 
 class Disturbances(NamedTuple):
-    """What disturbs the cart in each step of a grid, shape (N,) each."""
+    """What disturbs a plant in each step of a grid, on each of its channels."""
 
-    push: NDArray[np.float64]  # mean force along z over the step [N]
-    impulse: NDArray[np.float64]  # jump of the momentum along z in the step [N s]
-    split: NDArray[np.float64]  # when it acts, as a share of the step, 0 for its start
+    push: NDArray[np.float64]  # mean force over the step [N], shape (N, channels)
+    impulse: NDArray[np.float64]  # jump of the momentum in the step [N s], shape (N, channels)
+    # when it acts, as a share of the step, 0 for its start; -1 for never, shape (N,)
+    split: NDArray[np.float64]
 
 
 def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
@@ -62,18 +63,22 @@ def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturb
 
     times: Ends of the steps [s], shape (N + 1,).
     """
-    lengths = np.diff(times)
-    push, impulse, split = np.zeros((3, len(lengths)))
+    lengths, channels = np.diff(times), len(channels_of(scenario.plant))
+    push, impulse = np.zeros((2, len(lengths), channels))
+    split = np.full(len(lengths), -1.0)
     for one in scenario.disturbances:
+        channel = channel_of(one, scenario.plant)
         if isinstance(one, Impulse):
             at = _place(times, one.time)
             step = min(int(at), len(lengths) - 1)
-            split[step] = at - step if impulse[step] == 0.0 else min(split[step], at - step)
-            impulse[step] += one.momentum
+            split[step] = at - step if split[step] < 0.0 else min(split[step], at - step)
+            impulse[step, channel] += one.momentum
         else:
             start, end = _place(times, one.start), _place(times, one.end)
             steps_ = np.arange(int(start), min(math.ceil(end), len(lengths)))
-            push[steps_] += one.force * (np.minimum(end, steps_ + 1) - np.maximum(start, steps_))
+            push[steps_, channel] += one.force * (
+                np.minimum(end, steps_ + 1) - np.maximum(start, steps_)
+            )
     return Disturbances(push, impulse, split)
 
 

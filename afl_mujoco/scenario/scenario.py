@@ -12,25 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.belief import ERRORS, PARAMETERS, TRUTH, Belief
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_on_rail
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Parameter, Plant, load_plant
+from afl_mujoco.scenario.belief import TRUTH, Belief, is_error
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse, channel_of, channels_of
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_within_stop
 from afl_mujoco.scenario.parameters import (
     CONSTANTS,
     LARGEST_STATE,
-    NOMINAL,
     SCHEDULES,
-    STATE,
     CartPoleParameters,
     PlantRange,
     require_start_angle,
 )
 from afl_mujoco.scenario.ranges import FIXED, Ranges
-from afl_mujoco.scenario.requirements import NONE, PEAKS, Requirements
+from afl_mujoco.scenario.requirements import NONE, Requirements, asked_of, bands_of
 from afl_mujoco.scenario.schedules import Schedule, constant
 from afl_mujoco.values import (
     EMPTY,
     ByName,
+    Check,
     check_fields,
     instant,
     require_finite,
@@ -49,74 +50,72 @@ class Segment:
 
     start: float  # the stretch [s]
     end: float
-    cart_mass: tuple[float, float]  # value at `start` and slope of M [kg, kg/s] and l [m, m/s]
-    half_length: tuple[float, float]
-    push: float  # disturbing force on the cart [N]
-    impulse: float  # jump of the momentum along z at `start` [N s]
+    lines: tuple[tuple[float, float], ...]  # value at `start` and slope [1/s] of each parameter
+    push: tuple[float, ...]  # disturbing forces, by `channels_of` [N, N m]
+    impulse: tuple[float, ...]  # jumps of momenta at `start` [N s, N m s]
 
-    def parameters_at(self, time: float) -> tuple[float, float]:
-        """Return (M, l) at `time`, the limit from inside the segment at both ends.
+    def values_at(self, time: float) -> NDArray[np.float64]:
+        """Return the parameters at `time`, the limit from inside the segment at both ends.
 
         time: Time [s].
         """
         elapsed = time - self.start
-        (mass, mass_rate), (length, length_rate) = self.cart_mass, self.half_length
-        return mass + mass_rate * elapsed, length + length_rate * elapsed
+        return np.array([value + rate * elapsed for value, rate in self.lines])
 
     def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
         """Return the parts between some times inside the segment; the first has the impulse.
 
         times: Times [s], increasing.
         """
-        cuts = (self.start, *times, self.end)
+        cuts, none = (self.start, *times, self.end), (0.0,) * len(self.impulse)
         parts: list[Segment] = []
         for start, end in itertools.pairwise(cuts):
-            mass, length = self.parameters_at(start)
-            part = Segment(
-                start=start,
-                end=end,
-                cart_mass=(mass, self.cart_mass[1]),
-                half_length=(length, self.half_length[1]),
-                push=self.push,
-                impulse=0.0 if parts else self.impulse,
-            )
-            parts.append(part)
+            values = self.values_at(start).tolist()
+            lines = tuple(zip(values, (rate for _, rate in self.lines), strict=True))
+            impulse = none if parts else self.impulse
+            parts.append(Segment(start, end, lines, self.push, impulse))
         return tuple(parts)
 
 
 def _schedule(thing: str, value: object) -> Schedule:
-    """Return a schedule of positive values from one or from a number, or raise."""
+    """Return a schedule from one or from a number, or raise."""
     if not isinstance(value, Schedule):
-        return constant(require_plausible(thing, value))
-    for level in value.values:
-        require_plausible(thing, level)
+        return constant(require_finite(thing, value))
     return value
 
 
-def _state(thing: str, value: Any) -> tuple[float, ...]:
+def _state(thing: str, value: Any, plant: Plant) -> tuple[float, ...]:
     """Return a state from a list of its numbers, or from a table by name, or raise."""
+    names, count = plant.states, len(plant.states)
+    if value is None:
+        value = plant.start or (0.0,) * count
     if isinstance(value, Mapping):
         with within(f"{thing} "):
-            given = ByName(value).ordered([*STATE])
-        value = [given.get(name, 0.0) for name in STATE]
+            given = ByName(value).ordered(names)
+        value = [given.get(name, 0.0) for name in names]
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InvalidValueError(thing, "must be a table by name or a list", repr(value))
     state = tuple(require_finite(thing, x) for x in value)
-    if len(state) != len(STATE):
-        raise InvalidValueError(thing, "must hold four numbers", len(state))
+    if len(state) != count:
+        words = {2: "two", 4: "four", 6: "six"}
+        raise InvalidValueError(thing, f"must hold {words.get(count, count)} numbers", len(state))
     if abs(most := max(state, key=abs)) > LARGEST_STATE:
         rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
         raise InvalidValueError(thing, rule, most)
-    require_start_angle(f"{thing} phi", state[1])
+    for name, x in zip(plant.coordinates, state, strict=False):
+        if plant.units[name] == "rad":
+            require_start_angle(f"{thing} {name}", x)
     return state
+
+
+def _rule(parameter: Parameter) -> Check:
+    """Return the rule for values of a parameter: one that is never 0 is positive."""
+    return require_plausible if (parameter.low or 0.0) > 0.0 else require_finite
 
 
 def _duration(thing: str, value: object) -> float:
     """Return a horizon [s], or raise."""
     return instant(require_positive(thing, value))
-
-
-_NOMINAL = {name: constant(getattr(NOMINAL, name)) for name in PARAMETERS}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,15 +126,17 @@ class Scenario:
     ----------
     name
         Name for reports and files.
+    plant
+        What is simulated, by default the paper's cart-pole; also ``"FILE.py:NAME"``.
     schedule
-        The parameters by name, those left out as in the paper's nominal plant: `cart_mass` M [kg]
-        and `half_length` l [m] as a `Schedule` or a number, `pole_mass` m [kg] and `gravity` g
-        [m/s^2] as numbers.
+        The parameters by name, those left out as the plant has them: each a `Schedule` or a number;
+        of the cart-pole, `cart_mass` M [kg] and `half_length` l [m] may be a schedule, `pole_mass`
+        m [kg] and `gravity` g [m/s^2] are numbers.
     disturbances
-        Force pulses and ideal impulses on the cart.
+        Force pulses and ideal impulses.
     initial_state
-        The state at t = 0 by name, what is left out 0, or (z, phi, z_dot, phi_dot) [m, rad, m/s,
-        rad/s]; phi is at most a turn.
+        The state at t = 0 by name, what is left out 0, or all its numbers: (z, phi, z_dot, phi_dot)
+        [m, rad, m/s, rad/s]; an angle is at most a turn.
     duration
         Horizon T [s].
     imperfections
@@ -155,9 +156,10 @@ class Scenario:
     """
 
     name: str
+    plant: Plant = CART_POLE
     schedule: Annotated[Any, table_of(_schedule)] = EMPTY
     disturbances: tuple[ForcePulse | Impulse, ...] = ()
-    initial_state: Annotated[Any, _state] = (0.0, -math.pi / 3, 0.0, 0.0)
+    initial_state: Any = None
     duration: Annotated[float, _duration] = 20.0
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
@@ -171,36 +173,62 @@ class Scenario:
             raise InvalidValueError(
                 "name", "must be printable, not empty and without '/'", repr(self.name)
             )
+        if isinstance(self.plant, str):
+            known = CART_POLE if self.plant == CART_POLE.name else load_plant(self.plant)
+            object.__setattr__(self, "plant", known)
+        require_type("plant", self.plant, Plant)
+        plant = self.plant
         check_fields(self)
-        with within("schedule "):
-            given = self.schedule.ordered(PARAMETERS)
-        for name in CONSTANTS.keys() & given.keys():
-            if len({*given[name].values}) > 1:
-                rule = f"must be one number: only {' and '.join(SCHEDULES)} change during a run"
-                raise InvalidValueError(f"schedule.{name}", rule, list(given[name].values))
-            given[name] = constant(given[name].values[0])
-        whole = ByName({name: given.get(name) or _NOMINAL[name] for name in PARAMETERS})
-        object.__setattr__(self, "schedule", whole)
+        state = _state("initial_state", self.initial_state, plant)
+        object.__setattr__(self, "initial_state", state)
+        self._take_schedule()
         require_type("imperfections", self.imperfections, Imperfections)
-        object.__setattr__(self, "imperfections", self.imperfections.of_plant())
-        if (delay := self.imperfections.delay) >= self.duration:
+        object.__setattr__(self, "imperfections", self.imperfections.of_plant(plant))
+        if (delay := self.imperfections.longest_delay) >= self.duration:
             rule = f"must be shorter than the duration, {self.duration:g} s"
             raise InvalidValueError("imperfections.delay", rule, f"{delay:g} s")
-        require_on_rail("initial_state z", self.initial_state[0], self.rail)
+        for name, x in zip(plant.coordinates, state, strict=False):
+            which = f"end_stops.{name}"
+            stop = self.imperfections.at(which)
+            require_within_stop(f"initial_state {name}", x, stop, which, plant.units[name])
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
         for disturbance in self.disturbances:
             require_type("disturbance", disturbance, ForcePulse | Impulse)
+            channel_of(disturbance, plant)
             end = max(disturbance.breakpoints)
             struck_at_end = isinstance(disturbance, Impulse) and end == self.duration
             if end > self.duration or struck_at_end:
                 rule = f"must end within the duration {self.duration} s"
                 raise InvalidValueError("disturbance", rule, end)
         require_type("requirements", self.requirements, Requirements)
-        object.__setattr__(self, "requirements", self.requirements.of_plant())
+        object.__setattr__(self, "requirements", self.requirements.of_plant(plant))
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
-        object.__setattr__(self, "belief", Belief.of(self.belief))
+        object.__setattr__(self, "ranges", self.ranges.of_plant(plant, self.ends_at))
+        with within("belief."):
+            belief = Belief.of(self.belief).of_plant(tuple(plant.parameters))
+        for name, one in belief.assumed.items():
+            if not isinstance(one.value, str):
+                _rule(plant.parameters[name])(f"belief.{name} value", one.value)
+        object.__setattr__(self, "belief", belief)
+
+    def _take_schedule(self) -> None:
+        """Check the schedules of the parameters, and fill in those that are not given."""
+        known = self.plant.parameters
+        with within("schedule "):
+            given = self.schedule.ordered(tuple(known))
+        for name, schedule in given.items():
+            for level in schedule.values:
+                _rule(known[name])(f"schedule.{name}", level)
+        constants = CONSTANTS if self.is_cart_pole else {}
+        for name in constants.keys() & given.keys():
+            if len({*given[name].values}) > 1:
+                rule = f"must be one number: only {' and '.join(SCHEDULES)} change during a run"
+                raise InvalidValueError(f"schedule.{name}", rule, list(given[name].values))
+            given[name] = constant(given[name].values[0])
+        whole = {name: given.get(name) or constant(one.value) for name, one in known.items()}
+        object.__setattr__(self, "schedule", ByName(whole))
 
     __repr__ = short_repr
 
@@ -215,6 +243,11 @@ class Scenario:
             lambda value: value if isinstance(value, cls) else scenario_from_table(value),
             serialization=core_schema.plain_serializer_function_ser_schema(scenario_to_table),
         )
+
+    @property
+    def is_cart_pole(self) -> bool:
+        """Whether it is the plant of the paper."""
+        return self.plant is CART_POLE
 
     @property
     def cart_mass(self) -> Schedule:
@@ -244,39 +277,82 @@ class Scenario:
 
     @property
     def rail(self) -> float | None:
-        """How far the cart can go to either side before it hits an end stop [m], if any."""
-        found: float | None = self.imperfections.at("end_stops.z")
+        """How far the first coordinate can go to either side before its end stop [m], if any."""
+        found: float | None = self.imperfections.at(f"end_stops.{self.plant.coordinates[0]}")
         return found
+
+    @property
+    def target(self) -> tuple[float, ...]:
+        """Where the coordinates should be: as required, else upright, else 0."""
+        own = self.plant.upright or (0.0,) * len(self.plant.coordinates)
+        asked = self.requirements.target
+        pairs = zip(self.plant.coordinates, own, strict=True)
+        return tuple(float(asked.get(name, x)) for name, x in pairs)
+
+    @property
+    def ends_at(self) -> Mapping[str, float]:
+        """How far from its target a coordinate ends a run as failed, by name."""
+        own = self.requirements.ends_at
+        return self.plant.ends_at if own is None else own
+
+    def band(self, name: str) -> float:
+        """Return the half-width of the band of a coordinate in which a run is at rest."""
+        return float(self.requirements.bands.get(name, bands_of(self.plant)[name]))
 
     @property
     def required(self) -> dict[str, float]:
         """The limit of each requirement, by name; empty if no run can fail."""
-        asked = self.requirements
+        asked, stops = self.requirements, self.imperfections.end_stops
         limits = {
             "completes": self.duration if asked.completes else None,
-            "end_stops": None if asked.end_stops_allowed else self.rail,
-            **{name: asked.max.get(name.removeprefix("max.")) for name in PEAKS},
+            "end_stops": None if asked.end_stops_allowed else min(stops.values(), default=None),
             "settling_time": asked.settling_time,
             "recover_within": asked.recover_within,
+            **{f"max.{name}": limit for name, limit in asked.max.items()},
+            **{f"min.{name}": limit for name, limit in asked.min.items()},
         }
-        return {name: limit for name, limit in limits.items() if limit is not None}
+        ordered = {name: limits.get(name) for name in asked_of(self.plant)}
+        return {name: limit for name, limit in ordered.items() if limit is not None}
+
+    def values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the true parameters at some times [s], shape (N, parameters)."""
+        return np.stack([schedule(times) for schedule in self.schedule.values()], axis=-1)
+
+    def values_at(self, time: float) -> NDArray[np.float64]:
+        """Return the true parameters at a time [s], after a jump, shape (parameters,)."""
+        return np.array([schedule.at(time) for schedule in self.schedule.values()])
+
+    def told_values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the parameters that controllers are told at some times, shape (N, parameters)."""
+        columns = [self.told(name, one(times)) for name, one in self.schedule.items()]
+        return np.stack(columns, axis=-1)
+
+    @property
+    def nominal(self) -> dict[str, float]:
+        """The parameters at t = 0 by name."""
+        return {name: schedule.at(0.0) for name, schedule in self.schedule.items()}
+
+    @property
+    def spans(self) -> dict[str, tuple[float, float]]:
+        """The least and the largest value of each parameter up to the horizon."""
+        return {name: self._range(schedule) for name, schedule in self.schedule.items()}
 
     @property
     def plants(self) -> PlantRange:
-        """The plants that its schedules pass through up to the horizon."""
+        """The cart-poles that its schedules pass through up to the horizon."""
         masses, lengths = map(self._range, (self.cart_mass, self.half_length))
         return PlantRange(masses, lengths, self.pole_mass, self.gravity)
 
     @property
     def assumed_plants(self) -> PlantRange:
-        """The plants that a controller assumes, in which M and l may be wrong."""
+        """The cart-poles that a controller assumes, in which M and l may be wrong."""
         mass, length, *_ = self.plants
         ends = (self.told("cart_mass", np.array(mass)), self.told("half_length", np.array(length)))
         (m0, m1), (l0, l1) = (tuple(one.tolist()) for one in ends)
         return PlantRange((m0, m1), (l0, l1), *self.told_constants)
 
     def told(self, name: str, truth: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what controllers assume of M or l, given its true values."""
+        """Return what controllers assume of a parameter, given its true values."""
         found: NDArray[np.float64] = self.belief.told(name, truth, self.schedule[name].at(0.0))
         return found
 
@@ -288,12 +364,12 @@ class Scenario:
 
     def hardware(self, path: str) -> Any:
         """Return a number of the imperfections, or an error of the belief, by its path."""
-        return self.belief.error(path) if path in ERRORS else self.imperfections.at(path)
+        return self.belief.error(path) if is_error(path) else self.imperfections.at(path)
 
     def changed(self, hardware: Mapping[str, Any]) -> Scenario:
         """Return the scenario with other imperfections and errors of the belief, by path."""
-        errors = {path: value for path, value in hardware.items() if path in ERRORS}
-        others = {path: value for path, value in hardware.items() if path not in ERRORS}
+        errors = {path: value for path, value in hardware.items() if is_error(path)}
+        others = {path: value for path, value in hardware.items() if not is_error(path)}
         return replace(
             self,
             imperfections=self.imperfections.changed(others),
@@ -310,9 +386,21 @@ class Scenario:
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times [s] inside the horizon at which anything prescribed is not smooth."""
-        sources = (self.cart_mass, self.half_length, *self.disturbances)
+        sources = (*self.schedule.values(), *self.disturbances)
         return tuple(
             sorted({t for source in sources for t in source.breakpoints if 0 < t < self.duration})
+        )
+
+    @property
+    def joins(self) -> tuple[float, ...]:
+        """Times [s] at which a parameter rises of which the plant says that momenta stay then."""
+        parts = zip(self.plant.parameters.values(), self.schedule.values(), strict=True)
+        return tuple(
+            time
+            for one, schedule in parts
+            if one.jump == "momenta"
+            for time in schedule.breakpoints
+            if 0.0 < time < self.duration and schedule.at(time) > schedule.before(time)
         )
 
     @property
@@ -323,8 +411,7 @@ class Scenario:
             Segment(
                 start=start,
                 end=end,
-                cart_mass=self.cart_mass.piece(start),
-                half_length=self.half_length.piece(start),
+                lines=tuple(schedule.piece(start) for schedule in self.schedule.values()),
                 push=self.push_at(start),
                 impulse=self.impulse_within(start, end),
             )
@@ -332,7 +419,7 @@ class Scenario:
         )
 
     def parameters_at(self, time: float) -> CartPoleParameters:
-        """Return the plant's parameters at `time`, after the jump if there is one.
+        """Return the cart-pole's parameters at `time`, after the jump if there is one.
 
         Parameters
         ----------
@@ -346,32 +433,40 @@ class Scenario:
             gravity=self.gravity,
         )
 
-    def push_at(self, time: float) -> float:
-        """Return the disturbing force [N] at `time`, after the edge if there is one.
+    def _acting(self, kind: type) -> list[list[Any]]:
+        """Return the disturbances of a kind on each of the channels of the plant."""
+        found: list[list[Any]] = [[] for _ in channels_of(self.plant)]
+        for one in self.disturbances:
+            if isinstance(one, kind):
+                found[channel_of(one, self.plant)].append(one)
+        return found
+
+    def push_at(self, time: float) -> tuple[float, ...]:
+        """Return the disturbing forces [N, N m] at `time`, after an edge, by `channels_of`.
 
         Parameters
         ----------
         time
             Time [s].
         """
-        return math.fsum(d.force_at(time) for d in self.disturbances if isinstance(d, ForcePulse))
+        acting = self._acting(ForcePulse)
+        return tuple(math.fsum(one.force_at(time) for one in some) for some in acting)
 
-    def impulse_within(self, start: float, end: float) -> float:
-        """Return the momentum [N s] of the ideal impulses over ``start <= t < end``.
+    def impulse_within(self, start: float, end: float) -> tuple[float, ...]:
+        """Return the momenta [N s, N m s] of the impulses over ``start <= t < end``, by channel.
 
         Parameters
         ----------
         start, end
             The stretch of time [s].
         """
-        return math.fsum(
-            d.momentum
-            for d in self.disturbances
-            if isinstance(d, Impulse) and start <= d.time < end
+        acting = self._acting(Impulse)
+        return tuple(
+            math.fsum(one.momentum for one in some if start <= one.time < end) for some in acting
         )
 
     def pushes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the disturbing force [N] at many times, shape (N,).
+        """Return the disturbing forces [N, N m] at many times, shape (N, channels).
 
         Parameters
         ----------
@@ -380,13 +475,27 @@ class Scenario:
         """
         pulses = [d for d in self.disturbances if isinstance(d, ForcePulse)]
         edges = sorted({edge for pulse in pulses for edge in pulse.breakpoints})
-        levels = np.array([0.0, *(self.push_at(edge) for edge in edges)])
-        return levels[np.searchsorted(edges, times, side="right")]
+        none = (0.0,) * len(channels_of(self.plant))
+        levels = np.array([none, *(self.push_at(edge) for edge in edges)])
+        found: NDArray[np.float64] = levels[np.searchsorted(edges, times, side="right")]
+        return found
 
     @property
     def ideal(self) -> Scenario:
         """The same without imperfections, and controllers told the truth."""
         return replace(self, imperfections=IDEAL, belief=TRUTH)
+
+    def require_cart_pole(self, what: str) -> None:
+        """Raise if it is of another plant.
+
+        Parameters
+        ----------
+        what
+            What only the cart-pole has.
+        """
+        if not self.is_cart_pole:
+            rule = f"must be the cart-pole for {what}"
+            raise InvalidValueError(f"plant of scenario {self.name!r}", rule, repr(self.plant.name))
 
     def require_ideal(self) -> None:
         """Raise if anything departs from the ideal loop.

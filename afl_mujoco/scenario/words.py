@@ -1,4 +1,4 @@
-"""A scenario in words: how M, l and the push change, where it starts, how long it lasts."""
+"""A scenario in words: how the plant changes, where it starts, how long it lasts."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import math
 from collections.abc import Iterator
 
 from afl_mujoco.report.numbers import short
-from afl_mujoco.scenario.belief import NOMINAL, PARAMETERS, TRUTH, Assumed, Belief
+from afl_mujoco.scenario.belief import NOMINAL, TRUTH, Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule
 
@@ -20,34 +22,57 @@ MOST = 8
 
 def describe(scenario: Scenario) -> list[tuple[str, str]]:
     """Return what happens in a scenario as pairs of a label and a text."""
-    z, phi, z_dot, phi_dot = scenario.initial_state
-    start = f"φ = {short(math.degrees(phi))}°"
-    if z or z_dot or phi_dot:
-        start += f", z = {short(z)} m, z′ = {short(z_dot)} m/s, φ′ = {short(phi_dot)} rad/s"
-    else:
-        start += ", at rest at z = 0"
+    plant = scenario.plant
+    named = _NAMES if scenario.is_cart_pole else {}
     return [
-        ("cart mass M", schedule_text(scenario.cart_mass, "kg", scenario.duration)),
-        ("half-length l", schedule_text(scenario.half_length, "m", scenario.duration)),
-        ("pole mass m", f"{short(scenario.pole_mass)} kg"),
-        ("gravity g", f"{short(scenario.gravity)} m/s²"),
+        *([] if scenario.is_cart_pole else [("plant", plant.name)]),
+        *(
+            (named.get(name, name), _parameter(scenario, name, one))
+            for name, one in scenario.schedule.items()
+        ),
         ("disturbances", _disturbances(scenario)),
-        ("start", start),
+        ("start", _start(scenario)),
         ("horizon", f"{short(scenario.duration)} s"),
         ("imperfections", departures_text(scenario.imperfections)),
         ("controllers", belief_text(scenario.belief)),
     ]
 
 
+_NAMES = {
+    "cart_mass": "cart mass M", "pole_mass": "pole mass m", "half_length": "half-length l",
+    "gravity": "gravity g",
+}  # fmt: skip
+
+
+def _parameter(scenario: Scenario, name: str, schedule: Schedule) -> str:
+    """Return in words how a parameter changes; one that cannot is a number."""
+    unit = scenario.plant.units[name]
+    if name not in scheduled(scenario.plant):
+        return f"{short(schedule.at(0.0))} {unit}"
+    return schedule_text(schedule, unit, scenario.duration)
+
+
+def _start(scenario: Scenario) -> str:
+    """Return in words where a run starts."""
+    said, units = [], scenario.plant.units
+    for name, x in zip(scenario.plant.states, scenario.initial_state, strict=True):
+        if x and units[name] == "rad":
+            said.append(f"{symbol(name)} = {short(math.degrees(x))}°")
+        elif x:
+            said.append(f"{symbol(name)} = {short(x)} {units[name]}")
+    return f"{', '.join(said)}, the rest 0" if said else "at rest at 0"
+
+
 def belief_text(belief: Belief) -> str:
     """Return what controllers are told of the plant."""
     if belief == TRUTH:
-        return "told the true M, l"
+        return "told the true parameters"
     if belief == Belief.of(NOMINAL):
         return "believe nominal"
     said = []
-    for name in PARAMETERS:
-        one = getattr(belief, name)
+    if belief.rest == NOMINAL:
+        said.append("nominal")
+    for name, one in belief.assumed.items():
         if one != Assumed():
             value = one.value if isinstance(one.value, str) else short(one.value)
             said.append(f"{name} {value}" + (f" {100.0 * one.error:+.3g} %" if one.error else ""))
@@ -87,11 +112,14 @@ def _changes(schedule: Schedule, unit: str, until: float) -> Iterator[str]:
 
 
 def _disturbances(scenario: Scenario) -> str:
-    """Return in words what disturbs the cart."""
+    """Return in words what disturbs the plant."""
     told = [
-        f"{short(one.force)} N over {short(one.start)} to {short(one.end)} s"
-        if isinstance(one, ForcePulse)
-        else f"an impulse of {short(one.momentum)} N s at {short(one.time)} s"
+        (
+            f"{short(one.force)} N over {short(one.start)} to {short(one.end)} s"
+            if isinstance(one, ForcePulse)
+            else f"an impulse of {short(one.momentum)} N s at {short(one.time)} s"
+        )
+        + (f" on {where}" if (where := one.input or one.coordinate) else "")
         for one in scenario.disturbances
     ]
     if not told:

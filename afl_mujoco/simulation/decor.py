@@ -1,16 +1,19 @@
-"""Overlays drawn besides the model: the mass of the cart, forces, the marks of the rail."""
+"""Plants as they are drawn, and overlays: the mass of the cart, forces, the marks of the rail."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.simulation.mujoco_model import CART_HALF_SIZE
+from afl_mujoco.plants.cartpole import CART_HALF_SIZE
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, shown
 
 ARROW_SCALE = 0.2
 """Length of an arrow [m] over the square root of its force [N]: 1 N is visible, 100 N fits."""
@@ -20,6 +23,9 @@ BAR = 0.5
 
 NEAR = 20.0
 """How far from the cart marks are drawn where the view of the camera is not known [m]."""
+
+LARGEST = (1920, 1080)
+"""Largest picture [pixels]."""
 
 Colour = tuple[float, float, float, float]
 FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
@@ -37,6 +43,27 @@ BED_TOP, BED_FRONT = -0.30, -0.70
 """Height and front edge of the track [m]."""
 
 _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
+
+
+def drawn_model(scenario: Scenario, **settings: Any) -> SimulatedModel:
+    """Return the model of a scenario's plant as it is drawn, and as `SimulatedModel` takes it.
+
+    The cart-pole is in its scene; any other plant is what its MJCF says, and lit.
+    """
+    if scenario.is_cart_pole:
+        return SimulatedModel(shown(scenario.plant, "scene.xml"), **settings)
+    return SimulatedModel(scenario.plant, edit=_lit, **settings)
+
+
+def _lit(spec: mujoco.MjSpec) -> None:
+    """Make room for the largest picture, and light what has no light of its own."""
+    visual = spec.visual
+    room = visual.global_
+    room.offwidth = max(room.offwidth, LARGEST[0])
+    room.offheight = max(room.offheight, LARGEST[1])
+    if not spec.lights:
+        visual.headlight.active = 1
+        visual.headlight.ambient, visual.headlight.diffuse = [0.4] * 3, [0.5] * 3
 
 
 def cart_size(cart_mass: float) -> tuple[float, float, float]:

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from afl_mujoco.report.style import BLACK, LENGTH, MASS, SKY, TIME, new_figure, styled
-from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.simulation.trajectory import Layout, Trajectory
 
-_STATE_PANELS = (
-    ("cart position z [m]", 0),
-    ("cart velocity z′ [m/s]", 2),
-    ("pole angle φ [rad]", 1),
-    ("pole rate φ′ [rad/s]", 3),
-)
-_INPUT_LABELS = ("force F [N] (thin: command)", MASS, LENGTH)
+_WORDS = {
+    "z": "cart position z", "z_dot": "cart velocity z′", "phi": "pole angle φ",
+    "phi_dot": "pole rate φ′", "force": "force F", "cart_mass": MASS, "half_length": LENGTH,
+}  # fmt: skip
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": SKY, "linewidth": 2.6},
     {"color": BLACK, "linewidth": 0.9, "linestyle": (0.0, (4.0, 3.0))},
@@ -27,43 +26,68 @@ _STYLES: tuple[dict[str, Any], ...] = (
 
 @styled()
 def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
-    """Draw z, z', phi, phi', F, M and l over time, and the difference of two runs."""
-    figure = new_figure(11.0, 10.0)
-    axes = figure.subplots(4, 2, sharex=True).ravel()
+    """Draw states, inputs, signals and parameters over time, and the difference of two runs."""
+    layout, several = runs[0].layout, len(runs) > 1
+    shown = _panels(runs[0])
+    rows = -(-(len(shown) + several) // 2)
+    figure = new_figure(11.0, 2.5 * rows)
+    axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
     for run, style in zip(runs, _STYLES, strict=False):
-        curves = [run.state[:, column] for _, column in _STATE_PANELS]
-        curves += [run.force, run.cart_mass, run.half_length]
-        for axis, curve in zip(axes, curves, strict=False):
+        for axis, (label, curve, pale) in zip(axes, _panels(run), strict=False):
             axis.plot(run.time, curve, label=run.simulator, **style)
-        if not np.array_equal(run.command, run.force):
-            axes[4].plot(run.time, run.command, **style | {"linewidth": 0.6, "alpha": 0.5})
-    labels = [label for label, _ in _STATE_PANELS] + list(_INPUT_LABELS)
-    for axis, label in zip(axes, labels, strict=False):
-        axis.set_ylabel(label)
-    for axis in axes[5:7]:
-        axis.set_ylim(bottom=0.0)
+            if pale is not None:
+                axis.plot(run.time, pale, **style | {"linewidth": 0.6, "alpha": 0.5})
+            axis.set_ylabel(label)
+            if label in (MASS, LENGTH):
+                axis.set_ylim(bottom=0.0)
     for axis in axes:
         axis.margins(x=0.01)
-    for axis in axes[6:]:
+    for axis in axes[-2:]:
         axis.set_xlabel(TIME)
     axes[0].legend()
-    if len(runs) > 1:
-        _draw_difference(axes[7], runs[0], runs[1])
-    else:
-        axes[7].axis("off")
-        axes[5].tick_params(labelbottom=True)
-        axes[5].set_xlabel(TIME)
+    left = len(shown)
+    if several:
+        _draw_difference(axes[left], runs[0], runs[1], layout)
+        left += 1
+    for axis in axes[left:]:
+        axis.axis("off")
+        axes[-3].tick_params(labelbottom=True)
+        axes[-3].set_xlabel(TIME)
     figure.suptitle(title)
     return figure
 
 
-def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory) -> None:
+_Panel = tuple[str, NDArray[np.float64], NDArray[np.float64] | None]
+
+
+def _panels(run: Trajectory) -> list[_Panel]:
+    """Return label, curve and a pale curve of each panel: each coordinate beside its rate."""
+    layout, n = run.layout, len(run.layout.coordinates)
+    found: list[_Panel] = []
+    for i, name in enumerate(layout.coordinates):
+        for column, state in ((i, name), (n + i, f"{name}_dot")):
+            found.append((_label(state, layout), run.state[:, column], None))
+    for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
+        label = f"{_label(name, layout)} (thin: command)"
+        found.append((label, force, None if np.array_equal(force, command) else command))
+    found += [(name, values, None) for name, values in run.signals.items()]
+    changing = {name: x for name, x in run.parameters.items() if np.ptp(x) or name in _WORDS}
+    return [*found, *((_label(name, layout), x, None) for name, x in changing.items())]
+
+
+def _label(name: str, layout: Layout) -> str:
+    """Return the label of an axis."""
+    words = _WORDS.get(name, symbol(name))
+    unit = layout.units.get(name, "")
+    return f"{words} [{unit}]" if unit and "[" not in words else words
+
+
+def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory, layout: Layout) -> None:
     """Draw the difference of two runs at the instants that both report."""
     time, here, there = np.intersect1d(one.time, other.time, return_indices=True)
     difference = np.abs(one.state[here] - other.state[there])
-    for label, column in _STATE_PANELS:
-        symbol = label.split()[-2]
-        axis.semilogy(time, difference[:, column], lw=0.9, label=symbol)
+    for column, name in enumerate(layout.states):
+        axis.semilogy(time, difference[:, column], lw=0.9, label=symbol(name))
     axis.set_ylim(bottom=max(1e-17, axis.get_ylim()[0]))
     axis.set_ylabel("|difference| [SI]")
     axis.legend(ncols=4, fontsize="small")

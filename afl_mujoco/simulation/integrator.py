@@ -7,7 +7,7 @@ a compiled one; SciPy integrates any other, and by any other method. RK4 takes e
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,12 +21,15 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
-    FALL_ANGLE,
     FELL,
     OUTCOMES,
     STATE_LIMIT,
+    Criterion,
     Outcome,
+    criterion_of,
+    deviation,
     ending_of,
+    has_ended,
     within_limits,
 )
 from afl_mujoco.values import require_positive
@@ -34,8 +37,11 @@ from afl_mujoco.values import require_positive
 STAGES, ROWS = 12, 16
 """Stages of a step; rows with the stage at its end and three more for the dense output."""
 
-WORK = (ROWS + 9, 4)
-"""Shape of the work space of `solve`: compiled code that makes no arrays counts no references."""
+
+def work_space(states: int) -> NDArray[np.float64]:
+    """Return the work space of `solve`: compiled code that makes no arrays counts no references."""
+    return np.empty((ROWS + 9, states))
+
 
 # Copies: compiled code needs contiguous constants.
 _NODES = np.concatenate([DOP853.C[:STAGES], [1.0], DOP853.C_EXTRA])
@@ -55,15 +61,15 @@ that is short enough."""
 
 @register_jitable
 def _copy(source, target):
-    """Copy four numbers; an assignment of arrays would count references."""
-    for i in range(4):
+    """Copy numbers; an assignment of arrays would count references."""
+    for i in range(len(target)):
         target[i] = source[i]
 
 
 @register_jitable
 def _stage(rates, arguments, time, state, step, slopes, row, point):
     """Write the slopes of one stage, and into `point` the state at which they are taken."""
-    for i in range(4):
+    for i in range(len(state)):
         sum_ = 0.0
         for j in range(row):
             sum_ += _COUPLING[row, j] * slopes[j, i]
@@ -76,7 +82,7 @@ def try_step(rates, arguments, time, state, step, slopes, after):
     """Write the stages of a step and the state after it.
 
     time, state, step: Start of the step [s], state there, and length of the step [s].
-    after: Takes the state, shape (4,).
+    after: Takes the state.
     """
     for row in range(1, STAGES + 1):
         _stage(rates, arguments, time, state, step, slopes, row, after)
@@ -86,7 +92,7 @@ def try_step(rates, arguments, time, state, step, slopes, after):
 def error_of(step, slopes, state, after, rtol, atol):
     """Return the error of a step, accepted below 1; NaN if a slope has no value."""
     fifth, third = 0.0, 0.0
-    for i in range(4):
+    for i in range(len(state)):
         sum_5, sum_3 = 0.0, 0.0
         for j in range(STAGES + 1):
             sum_5 += _ERROR_5[j] * slopes[j, i]
@@ -96,7 +102,7 @@ def error_of(step, slopes, state, after, rtol, atol):
         third += (sum_3 / scale) ** 2
     if fifth == 0.0 and third == 0.0:
         return 0.0
-    return abs(step) * fifth / math.sqrt((fifth + 0.01 * third) * 4.0)
+    return abs(step) * fifth / math.sqrt((fifth + 0.01 * third) * len(state))
 
 
 @register_jitable
@@ -115,19 +121,19 @@ def step_factor(error, rejected):
 def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol):
     """Return the first step [s] that `solve_ivp` chooses; row 0 of `slopes` holds the slopes."""
     size, speed, bend = 0.0, 0.0, 0.0
-    for i in range(4):
+    for i in range(len(state)):
         scale = atol + abs(state[i]) * rtol
         size += (state[i] / scale) ** 2
         speed += (slopes[0, i] / scale) ** 2
-    size, speed = math.sqrt(size / 4.0), math.sqrt(speed / 4.0)
+    size, speed = math.sqrt(size / len(state)), math.sqrt(speed / len(state))
     guess = min(1e-6 if size < 1e-5 or speed < 1e-5 else 0.01 * size / speed, longest)
-    for i in range(4):
+    for i in range(len(state)):
         point[i] = state[i] + guess * slopes[0, i]
     rates(arguments, time + guess, point, slopes[1])
-    for i in range(4):
+    for i in range(len(state)):
         scale = atol + abs(state[i]) * rtol
         bend += ((slopes[1, i] - slopes[0, i]) / scale) ** 2
-    bend = math.sqrt(bend / 4.0) / guess
+    bend = math.sqrt(bend / len(state)) / guess
     if speed <= 1e-15 and bend <= 1e-15:
         second = max(1e-6, guess * 1e-3)
     else:
@@ -137,10 +143,10 @@ def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol
 
 @register_jitable
 def _fit(rates, arguments, time, state, after, step, slopes, fitted, point):
-    """Write the polynomials of the dense output over a step, shape (7, 4)."""
+    """Write the polynomials of the dense output over a step, shape (7, states)."""
     for row in range(STAGES + 1, ROWS):
         _stage(rates, arguments, time, state, step, slopes, row, point)
-    for i in range(4):
+    for i in range(len(state)):
         delta = after[i] - state[i]
         fitted[0, i] = delta
         fitted[1, i] = step * slopes[0, i] - delta
@@ -155,7 +161,7 @@ def _fit(rates, arguments, time, state, after, step, slopes, fitted, point):
 @register_jitable
 def _evaluate(fitted, state, share, found):
     """Write the dense output at a share of its step."""
-    for i in range(4):
+    for i in range(len(state)):
         value = 0.0
         for k in range(7):
             value += fitted[6 - k, i]
@@ -164,15 +170,15 @@ def _evaluate(fitted, state, share, found):
 
 
 @register_jitable
-def _crossing(margin, fitted, state, point):
+def _crossing(limits, fitted, state, point):
     """Return the share of a step at which the margin is zero; write the state into `point`."""
     low, high = 0.0, 1.0
     _evaluate(fitted, state, low, point)
-    sign = margin(point) >= 0.0
+    sign = limit_margin(limits, point) >= 0.0
     for _ in range(60):  # bisection: a bit of the share each
         middle = 0.5 * (low + high)
         _evaluate(fitted, state, middle, point)
-        if (margin(point) >= 0.0) == sign:
+        if (limit_margin(limits, point) >= 0.0) == sign:
             low = middle
         else:
             high = middle
@@ -214,14 +220,21 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 
 
 @register_jitable
-def solve(rates, arguments, margin, start, end, state, times, options, work, found):
+def _crossed(limits, state, after):
+    """Return whether a step goes across an end of the run."""
+    return (limit_margin(limits, state) >= 0.0) != (limit_margin(limits, after) >= 0.0)
+
+
+@register_jitable
+def solve(rates, arguments, limits, start, end, state, times, options, work, found):
     """Integrate over a segment; return the number of times reached, and when and how it ended.
 
+    limits: The `Criterion` by which the run ends.
     start, end: The segment [s].
-    state: State at the start, shape (4,); overwritten by the state at the end.
+    state: State at the start; overwritten by the state at the end.
     times: Times at which to report the state [s], increasing, within the segment, shape (N,).
     options: ``(rtol, atol, longest step [s])``.
-    found: Takes the states at the times, shape (N, 4).
+    found: Takes the states at the times, shape (N, states).
     Returns tuple: How many of the times were reached, the time of the end [s], and `REACHED`,
         `STOPPED` or `STUCK`.
     """
@@ -232,7 +245,7 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
     while count < total and times[count] <= start:
         _copy(state, found[count])
         count += 1
-    for i in range(4):
+    for i in range(len(state)):
         if not abs(slopes[0, i]) < np.inf:
             return count, time, STUCK
     longest = min(longest, end - start)
@@ -244,12 +257,12 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
         if reached == time:
             return count, time, STUCK
         step = reached - time
-        last, crossed = reached, (margin(state) >= 0.0) != (margin(after) >= 0.0)
+        last, crossed = reached, _crossed(limits, state, after)
         # three more stages, only where a state between the ends of the step is asked for
         if crossed or (count < total and times[count] < reached):
             _fit(rates, arguments, time, state, after, step, slopes, fitted, point)
         if crossed:
-            last = time + _crossing(margin, fitted, state, point) * step
+            last = time + _crossing(limits, fitted, state, point) * step
         count = _report(fitted, time, state, reached, after, last, times, count, found)
         if crossed:
             _copy(point, state)
@@ -264,23 +277,23 @@ def solve(rates, arguments, margin, start, end, state, times, options, work, fou
 def rk4_step(rates, arguments, time, step, state, work, after):
     """Write the state after a textbook RK4 step.
 
-    work: Work space, shape (5, 4) or longer: the slopes of four stages, the state of a stage.
+    work: Work space, shape (5, states) or longer: the slopes of four stages, the state of a stage.
     """
     point = work[4]
     rates(arguments, time, state, work[0])
     for row in range(1, 4):
         share = (0.5 if row < 3 else 1.0) * step
-        for i in range(4):
+        for i in range(len(state)):
             point[i] = state[i] + share * work[row - 1, i]
         rates(arguments, time + share, point, work[row])
     sixth = step / 6.0
-    for i in range(4):
+    for i in range(len(state)):
         slopes = work[0, i] + 2.0 * work[1, i] + 2.0 * work[2, i] + work[3, i]
         after[i] = state[i] + sixth * slopes
 
 
 @register_jitable
-def solve_rk4(rates, arguments, margin, start, end, state, times, options, work, found):
+def solve_rk4(rates, arguments, limits, start, end, state, times, options, work, found):
     """Integrate over a segment as `solve` does, by a step of RK4 from each time to the next."""
     after, time = work[5], start
     for count in range(len(times)):
@@ -291,7 +304,7 @@ def solve_rk4(rates, arguments, margin, start, end, state, times, options, work,
             _copy(after, state)
             time = times[count]
         _copy(state, found[count])
-        if margin(state) <= 0.0:
+        if limit_margin(limits, state) <= 0.0:
             return count + 1, time, STOPPED
     return len(times), time, REACHED
 
@@ -324,26 +337,28 @@ A step takes 12; the paper's controllers, whose force has kinks, need fewer than
 that is not a smooth function of the state needs more than any number.
 """
 
-NONE = np.empty(0)
+NO_NODES: Mapping[str, NDArray[np.float64]] = {}
 
 SHORTEST = 1e-9
-"""Least length of a part [s]: M and l may pass nodes at one time, but for round-off."""
+"""Least length of a part [s]: parameters may pass nodes at one time, but for round-off."""
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
 
-def _fall_margin(time: float, state: NDArray[np.float64]) -> float:
-    """Return how far the pole is from `FALL_ANGLE` [rad]."""
-    return FALL_ANGLE - abs(float(state[1]))
+def _events(criterion: Criterion, states: int) -> tuple[Callable[..., float], ...]:
+    """Return functions of time and state that are zero where a run falls, and where it diverges."""
+    ends = np.isfinite(criterion.ends)
 
+    def falls(time: float, state: NDArray[np.float64]) -> float:
+        each = zip(state, criterion.target, criterion.wraps, strict=False)
+        away = np.abs([deviation(*one) for one in each])
+        return float((criterion.ends - away)[ends].min(initial=1.0))
 
-def _divergence_margin(time: float, state: NDArray[np.float64]) -> float:
-    """Return how far the state is from `STATE_LIMIT`."""
-    return STATE_LIMIT - float(np.abs(state[:4]).max())
+    def diverges(time: float, state: NDArray[np.float64]) -> float:
+        return STATE_LIMIT - float(np.abs(state[:states]).max())
 
-
-_fall_margin.terminal = True  # type: ignore[attr-defined]
-_divergence_margin.terminal = True  # type: ignore[attr-defined]
+    falls.terminal = diverges.terminal = True  # type: ignore[attr-defined]
+    return falls, diverges
 
 
 def integrate(
@@ -352,7 +367,7 @@ def integrate(
     transition: Transition,
     times: NDArray[np.float64],
     *,
-    nodes: tuple[NDArray[np.float64], NDArray[np.float64]] = (NONE, NONE),
+    nodes: Mapping[str, NDArray[np.float64]] = NO_NODES,
     quadratures: int = 0,
 ) -> tuple[NDArray[np.float64], Outcome]:
     """Integrate a scenario from breakpoint to breakpoint, and from node to node of the gains.
@@ -360,10 +375,11 @@ def integrate(
     Error control does not see all of the error of a step across a kink: none steps across one.
 
     times: Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
-    nodes: `Controller.nodes`: the M [kg] and l [m] at which the right-hand side is not smooth.
-    Returns ndarray: The state at the times that the run reached, shape (K, 4 + quadratures).
+    nodes: Values of parameters, by name, at which the right-hand side is not smooth.
+    Returns ndarray: The state at the times that the run reached, shape (K, 2 n + quadratures).
     """
     state = np.array([*scenario.initial_state, *[0.0] * quadratures])
+    criterion = criterion_of(scenario)
     reached: list[NDArray[np.float64]] = []
     before: Segment | None = None
     for segment, arrives in _smooth_parts(scenario, nodes):
@@ -372,7 +388,7 @@ def integrate(
         before = segment
         last = segment.end == scenario.duration
         inside = times[(times >= segment.start) & ((times < segment.end) | last)]
-        if abs(state[1]) >= FALL_ANGLE:
+        if has_ended(criterion, state):
             reached.append(np.atleast_2d(state)[: len(inside)])
             return np.concatenate(reached), Outcome(FELL, segment.start)
         wanted = np.union1d(inside, [segment.end])
@@ -385,13 +401,13 @@ def integrate(
 
 
 def _smooth_parts(
-    scenario: Scenario, nodes: tuple[NDArray[np.float64], NDArray[np.float64]]
+    scenario: Scenario, nodes: Mapping[str, NDArray[np.float64]]
 ) -> Iterator[tuple[Segment, bool]]:
-    """Yield the segments, cut where M or l passes a node; True for what begins at a breakpoint."""
+    """Yield the segments, cut where a parameter passes a node; True for what begins one."""
     for segment in scenario.segments:
         passed: list[float] = []
-        for (value, rate), at in zip((segment.cart_mass, segment.half_length), nodes, strict=True):
-            if rate:
+        for name, (value, rate) in zip(scenario.schedule, segment.lines, strict=True):
+            if rate and (at := nodes.get(name)) is not None:
                 passed += (segment.start + (at - value) / rate).tolist()
         cuts = [segment.start]
         for time in sorted(passed):
@@ -417,6 +433,7 @@ def scipy_solver(
     atol: float = ATOL,
     *,
     controller: str,
+    criterion: Criterion,
 ) -> Solver:
     """Return SciPy's integrator of a right-hand side in Python."""
     require_tolerances(method, rtol, atol)
@@ -426,7 +443,7 @@ def scipy_solver(
     ) -> tuple[NDArray[np.float64], Outcome | None]:
         right_hand_side = _Counted(derivative, segment, controller)
         if not np.isfinite(right_hand_side(segment.start, state)).all():
-            return np.atleast_2d(state), Outcome(_ending(state), segment.start)
+            return np.atleast_2d(state), Outcome(_ending(criterion, state), segment.start)
         solution = solve_ivp(  # type: ignore[call-overload]
             right_hand_side,
             (segment.start, segment.end),
@@ -436,28 +453,31 @@ def scipy_solver(
             rtol=rtol,
             atol=atol,
             max_step=MAX_STEP,
-            events=(_fall_margin, _divergence_margin),
+            events=_events(criterion, 2 * len(criterion.target)),
         )
         samples = np.reshape(solution.y, (len(state), -1)).T
-        return samples, None if solution.status == 0 else _premature_end(solution, segment)
+        return samples, None if solution.status == 0 else _premature_end(
+            solution, segment, criterion
+        )
 
     return solve
 
 
-def python_rk4(derivative: Derivative) -> Solver:
+def python_rk4(derivative: Derivative, criterion: Criterion) -> Solver:
     """Return RK4 around a right-hand side in Python."""
 
     def rates(segment: Segment, time: float, state: Any, slopes: Any) -> None:
         slopes[:] = derivative(time, state, segment)
 
     def solve(segment: Segment, *rest: Any) -> Any:
-        return solve_rk4(rates, segment, limit_margin, segment.start, segment.end, *rest)
+        return solve_rk4(rates, segment, criterion, segment.start, segment.end, *rest)
 
-    return compiled_solver(solve)
+    return compiled_solver(solve, criterion)
 
 
 def compiled_solver(
     solve: Callable[..., tuple[int, float, int]],
+    criterion: Criterion,
     rtol: float = RTOL,
     atol: float = ATOL,
     longest: float = MAX_STEP,
@@ -467,18 +487,19 @@ def compiled_solver(
     longest: Longest step [s].
     """
     options = (rtol, atol, longest)
-    work = np.empty(WORK)
+    work = work_space(2 * len(criterion.target))
 
     def integrate_segment(
         segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], Outcome | None]:
-        state, found = state.copy(), np.empty((len(times), 4))
+        state, found = state.copy(), np.empty((len(times), len(state)))
         count, time, status = solve(segment, state, times, options, work, found)
         samples = found[:count]
         if status == REACHED:
             return samples, None
-        fell = status == STOPPED and abs(state[1]) > FALL_ANGLE - 1e-9
-        return samples, Outcome(FELL if fell else _ending(state), float(time))
+        nearer = criterion._replace(ends=criterion.ends - 1e-9)
+        fell = status == STOPPED and has_ended(nearer, state)
+        return samples, Outcome(FELL if fell else _ending(criterion, state), float(time))
 
     return integrate_segment
 
@@ -486,20 +507,24 @@ def compiled_solver(
 def segment_numbers(
     scenario: Scenario, segment: Segment, change: ParameterChange
 ) -> tuple[float, ...]:
-    """Return the numbers of a segment for a compiled right-hand side.
+    """Return the numbers of a segment of a cart-pole for a compiled right-hand side.
 
     Its start [s]; M and its rate [kg, kg/s]; l and its rate [m, m/s]; m [kg]; g [m/s^2]; the push
     [N]; and the rate of l that acts on the rod [m/s].
     """
-    return (
-        segment.start,
-        *segment.cart_mass,
-        *segment.half_length,
-        scenario.pole_mass,
-        scenario.gravity,
-        segment.push,
-        segment.half_length[1] if change.stretching else 0.0,
-    )
+    mass, (pole_mass, _), length, (gravity, _) = segment.lines
+    rate = length[1] if change.stretching else 0.0
+    push = along_z(segment.push)
+    return (segment.start, *mass, *length, pole_mass, gravity, push, rate)
+
+
+def along_z(channels: Sequence[float]) -> float:
+    """Return what acts along z of a cart-pole, on its input or on the coordinate, or raise."""
+    on_input, on_z, on_phi = channels
+    if on_phi:
+        rule = "must act along z: the paper's equations have no torque on the pole"
+        raise InvalidValueError("disturbance", rule, "phi")
+    return on_input + on_z
 
 
 class _Counted:
@@ -526,13 +551,18 @@ class _Counted:
 
 
 @register_jitable
-def limit_margin(state):
-    """Return how far the state is from the end of a run: `FALL_ANGLE` or `STATE_LIMIT`."""
-    largest = max(max(abs(state[0]), abs(state[1])), max(abs(state[2]), abs(state[3])))
-    return min(FALL_ANGLE - abs(state[1]), STATE_LIMIT - largest)
+def limit_margin(limits, state):
+    """Return how far the state is from the end of a run: one of `limits`, or `STATE_LIMIT`."""
+    margin, n = STATE_LIMIT, len(limits.ends)
+    for i in range(2 * n):
+        margin = min(margin, STATE_LIMIT - abs(state[i]))
+    for i in range(n):
+        away = abs(deviation(state[i], limits.target[i], limits.wraps[i]))
+        margin = min(margin, limits.ends[i] - away)
+    return margin
 
 
-def _premature_end(solution: Any, segment: Segment) -> Outcome:
+def _premature_end(solution: Any, segment: Segment, criterion: Criterion) -> Outcome:
     """Return how a run ended in a segment that did not reach its end."""
     fell, diverged = solution.t_events
     if len(fell):
@@ -541,9 +571,9 @@ def _premature_end(solution: Any, segment: Segment) -> Outcome:
         return Outcome(DIVERGED, float(diverged[0]))
     if not len(solution.t):
         return Outcome(DIVERGED, segment.start)
-    return Outcome(_ending(solution.y[:, -1]), float(solution.t[-1]))
+    return Outcome(_ending(criterion, solution.y[:, -1]), float(solution.t[-1]))
 
 
-def _ending(state: NDArray[np.float64]) -> str:
+def _ending(criterion: Criterion, state: NDArray[np.float64]) -> str:
     """Return how a run that cannot continue from `state` has ended."""
-    return OUTCOMES[ending_of(state)]
+    return OUTCOMES[ending_of(criterion, state)]

@@ -5,21 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.feedback import upright_model
-from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.parameters import INPUTS, CartPoleParameters
-from afl_mujoco.scenario.requirements import REQUIREMENTS, calm, recoveries
+from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
-    DIVERGED,
-    FALL_ANGLE,
-    STATE_LIMIT,
     Outcome,
     Trajectory,
 )
@@ -27,35 +22,22 @@ from afl_mujoco.simulation.trajectory import (
 DWELL = 1.0
 """How long a run must stay settled, up to its end, to count as settled [s]."""
 
-LONGEST = 50.0
-"""Half-length that nobody means [m]."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
     """One requirement, and how a run meets it."""
 
-    requirement: str  # a key of REQUIREMENTS
+    requirement: str  # one of `asked_of` of the plant
     limit: float
     value: float | None  # None if the run ended too early to decide, or never settles
     margin: float | None  # robustness as in signal temporal logic, as a share of the limit
     graded: float | None = None  # for a search: the margin had it settled at the last instant
     limited: float = 0.0  # of the exerted force: share of the time with the drive at its limit
 
-    def __post_init__(self) -> None:
-        """Raise unless there is such a requirement."""
-        if self.requirement not in REQUIREMENTS:
-            raise UnknownNameError.among("requirement", self.requirement, REQUIREMENTS)
-
     @property
     def met(self) -> bool:
         """Whether the run shows that the requirement is met."""
         return self.margin is not None and self.margin >= 0.0
-
-    @property
-    def unit(self) -> str:
-        """Unit of limit and value."""
-        return REQUIREMENTS[self.requirement].unit
 
 
 CONTROLLER_FAILED = "controller failed"
@@ -88,15 +70,17 @@ def _margin(one: Judgement) -> float:
 
 
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
-    """Judge a run by the requirements of its scenario, in the order of `REQUIREMENTS`."""
-    peak = float(np.abs(run.state[:, 0]).max())
-    return (*judge_ending(scenario, run.outcome, peak), *_judgements(scenario, run))
+    """Judge a run by the requirements of its scenario, in the order of `asked_of`."""
+    peaks = np.abs(run.state).max(axis=0).tolist()
+    return (*judge_ending(scenario, run.outcome, peaks), *_judgements(scenario, run))
 
 
-def judge_ending(scenario: Scenario, outcome: Outcome, peak: float) -> tuple[Judgement, ...]:
+def judge_ending(
+    scenario: Scenario, outcome: Outcome, peaks: Sequence[float]
+) -> tuple[Judgement, ...]:
     """Judge a run by what needs no record of it: whether it completes and spares the end stops.
 
-    peak: Its largest abs(z) [m].
+    peaks: The largest magnitude of each coordinate.
     """
     required, completed = scenario.required, outcome.kind == COMPLETED
     found = []
@@ -112,7 +96,10 @@ def judge_ending(scenario: Scenario, outcome: Outcome, peak: float) -> tuple[Jud
             )
         )
     if "end_stops" in required:
-        found.append(_peak("end_stops", required["end_stops"], peak, completed))
+        stops = scenario.imperfections.end_stops
+        of = dict(zip(scenario.plant.coordinates, peaks, strict=False))
+        judged = [_peak("end_stops", stop, of[name], completed) for name, stop in stops.items()]
+        found.append(min(judged, key=_margin))
     return tuple(found)
 
 
@@ -131,11 +118,19 @@ def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
-    metrics = run.metrics
+    metrics, known = run.metrics, asked_of(scenario.plant)
+    inputs = scenario.plant.inputs
     for name, limit in asked.max.items():
-        share = (metrics["limited_share"] or 0.0) if name in INPUTS else 0.0
-        peak = metrics[REQUIREMENTS[f"max.{name}"].metric]
-        yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share)
+        share = metrics[effort_names(inputs, name)[-1]] if name in inputs else 0.0
+        if name in run.signals:
+            peak: Any = float(np.abs(run.signals[name] - asked.target.get(name, 0.0)).max())
+        else:
+            peak = metrics[known[f"max.{name}"].metric]
+        yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share or 0.0)
+    states = dict(zip(scenario.plant.states, run.state.T, strict=True))
+    for name, limit in asked.min.items():
+        least = float((run.signals[name] if name in run.signals else states[name]).min())
+        yield _least(f"min.{name}", limit, least, completed)
     outside = _outside(scenario, run)
     if asked.settling_time is not None:
         first = [(0.0, calm(scenario.duration, scenario.disturbances))]
@@ -147,10 +142,9 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
 
 def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
     """Return where a run is outside the bands of rest."""
-    z, phi = np.abs(run.state[:, :2]).T
-    band = scenario.requirements.band
-    outside: NDArray[np.bool_] = (z > band("z")) | (phi > band("phi"))
-    return outside
+    names = scenario.plant.coordinates
+    bands = np.array([scenario.band(name) for name in names])
+    return np.asarray((np.abs(run.away[:, : len(names)]) > bands).any(axis=1))
 
 
 def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
@@ -168,6 +162,14 @@ def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judg
     if value is None or (not completed and value <= limit):
         return Judgement(requirement=name, limit=limit, value=value, margin=None)
     return Judgement(requirement=name, limit=limit, value=value, margin=(limit - value) / limit)
+
+
+def _least(name: str, limit: float, value: float, completed: bool) -> Judgement:
+    """Judge the least value of a signal; a run cut short can only break the limit."""
+    if not completed and value >= limit:
+        return Judgement(requirement=name, limit=limit, value=value, margin=None)
+    share = (value - limit) / (abs(limit) or 1.0)
+    return Judgement(requirement=name, limit=limit, value=value, margin=share)
 
 
 def _rest(
@@ -194,147 +196,3 @@ def _rest(
         margin=(limit - slowest) / limit if ever else None,
         graded=None if ever else (limit - slowest) / limit,
     )
-
-
-def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
-    """Return remarks on a run that no requirement makes, one sentence each."""
-    return [
-        *controller.remarks(scenario.assumed_plants),
-        *controller.estimator_remarks(scenario.parameters_at(0.0), scenario.plants),
-        *_unreached(scenario),
-        *_without_effect(scenario),
-        *unit_remarks(scenario, run.control_period),
-        *_ended(run),
-        *_stopped(scenario, run),
-        *_limited(scenario, run),
-        *_refined(run),
-        *_nothing_required(scenario),
-        *_idle(run),
-    ]
-
-
-def _unreached(scenario: Scenario) -> list[str]:
-    """Remark on changes of M or l that come after the end."""
-    end, found = scenario.duration, []
-    for name, schedule in (("M", scenario.cart_mass), ("l", scenario.half_length)):
-        knots = zip(schedule.times, schedule.values, strict=True)
-        if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
-            found.append(f"{name} changes at {late[-1]:g} s, after the end at {end:g} s")
-    return found
-
-
-def _without_effect(scenario: Scenario) -> list[str]:
-    """Remark on noise of what is not measured."""
-    own = scenario.imperfections
-    return [
-        f"{path} has no effect, because velocities are differentiated"
-        for path in own.without_effect
-        if own.at(path)
-    ]
-
-
-def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a cart that hits an end stop."""
-    end, most = scenario.rail, scenario.requirements.max.get("z")
-    if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, 0]) >= end)).size:
-        return []
-    short = f", short of max.z, {most:g} m" if most is not None and most > end else ""
-    first = run.time[hits[0]]
-    return [f"the cart hits the end stop, {end:g} m from the middle, first at {first:.3g} s{short}"]
-
-
-def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a drive that cuts the command off."""
-    limit, figures = scenario.imperfections.input_limit, run.metrics
-    share, most = figures["limited_share"], figures["max_command"]
-    if limit is None or not share or most is None:
-        return []
-    asked = f"asks for up to {most:.3g} N" if most > limit else f"asks for all of {limit:g} N"
-    return [
-        f"the drive is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
-    ]
-
-
-def _refined(run: Trajectory) -> list[str]:
-    """Remark on a step that was made finer for the damping."""
-    settings = run.provenance.get("settings", {})
-    if (asked := settings.get("asked_timestep")) is None:
-        return []
-    return [
-        f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 is "
-        "unstable or inaccurate with this damping"
-    ]
-
-
-def _nothing_required(scenario: Scenario) -> list[str]:
-    """Remark on a scenario that no run can fail."""
-    if not scenario.required:
-        return ["completes = false and nothing else is required: no run of this scenario can fail"]
-    return []
-
-
-def _idle(run: Trajectory) -> list[str]:
-    """Remark on a controller that does nothing, which can meet requirements all the same."""
-    if len(run.time) == 1 or run.command.any():
-        return []
-    if run.state[:, 1].any():
-        return ["the force is 0 N throughout"]
-    return ["the force is 0 N throughout and the pole never leans: the run tests no controller"]
-
-
-def _ended(run: Trajectory) -> list[str]:
-    """Remark on an end that the outcome alone does not explain."""
-    phi, force = np.degrees(run.state[0, 1]), run.command[-1]
-    if abs(run.state[0, 1]) >= FALL_ANGLE:
-        return [f"the pole lies at the start, φ = {phi:.4g}°; every run ends as fallen at 90°"]
-    if run.outcome.kind == DIVERGED and not abs(force) < STATE_LIMIT:
-        rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
-        return [f"the force was {force:g} at {run.outcome.time:.3g} s; {rule}"]
-    return []
-
-
-def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
-    """Return remarks on values that one may have meant in another unit.
-
-    period: Control period [s].
-    """
-    return [*_slow(scenario, period or 0.0), *_coarse(scenario), *_long(scenario)]
-
-
-def _slow(scenario: Scenario, period: float) -> Iterator[str]:
-    """Remark on waiting while the pole leans far."""
-    (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
-    plant = CartPoleParameters(
-        cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
-    )
-    time = upright_model(plant).a[3, 1] ** -0.5
-    for name, wait in (("delay", scenario.imperfections.delay), ("control period", period)):
-        if wait >= time:
-            yield (
-                f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times "
-                f"as far, {time:.2g} s; it is given in seconds, not in ms or Hz"
-            )
-
-
-def _coarse(scenario: Scenario) -> Iterator[str]:
-    """Remark on sensors that cannot tell whether the cart-pole is at rest."""
-    own, asked = scenario.imperfections, scenario.requirements
-    for field, name, unit, others in (
-        ("encoder_step", "z", "m", "mm or counts"),
-        ("encoder_step", "phi", "rad", "degrees or counts"),
-        ("noise", "z", "m", "mm"),
-        ("noise", "phi", "rad", "degrees or mrad"),
-    ):
-        value, band = own.at(f"{field}.{name}"), asked.band(name)
-        if value >= band:
-            yield (
-                f"{field}.{name}, {value:g} {unit}, is no less than the {band:g} {unit} to either "
-                f"side within which {name} is at rest; it is given in {unit}, not in {others}"
-            )
-
-
-def _long(scenario: Scenario) -> Iterator[str]:
-    """Remark on a pole that is no pole."""
-    _, (_, length), _, _ = scenario.plants
-    if length > LONGEST:
-        yield f"l reaches {length:g} m, half the length of the pole; it is given in m, not in mm"

@@ -1,38 +1,25 @@
-"""The MJCF cart-pole, and the one writer of its parameters, also while it runs."""
+"""A plant as MuJoCo simulates it, with imperfections, and where compiled code finds it."""
 
 from __future__ import annotations
 
 import ctypes
 import itertools
 from collections.abc import Callable, Mapping
-from importlib import resources
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel, load, store
-from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.plants.library import mj_forward as mj_forward
-from afl_mujoco.plants.library import mj_reset_data as mj_reset_data
-from afl_mujoco.plants.library import mj_set_const
-from afl_mujoco.plants.library import mj_step as mj_step
-from afl_mujoco.plants.library import mujoco as mujoco
+from afl_mujoco.compiled import inlined_kernel, kernel, load, store
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.plants.cartpole import CART_POLE, model_file
+from afl_mujoco.plants.library import mj_forward, mujoco, write_row
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
+from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive
-
-CART_HALF_SIZE = (0.2, 0.15, 0.1)
-"""Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
-
-POLE_RADIUS = 0.02
-"""Radius of the drawn pole [m]; by default the pole of the physics is a slender rod."""
-
-AXIAL_SHARE = 0.01
-"""Inertia about the pole's own axis, about which it never rotates, as a share of that across it."""
-
 
 FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.9999, 0.001, 0.5, 2.0)
 """Constraint of dry friction: below break-away the cart creeps at some 1e-5 m/s."""
@@ -46,78 +33,25 @@ PASSIVE = (
 )
 """Fields of MjModel that hold the passive physics."""
 
-
-def model_file(name: str) -> Path:
-    """Return the path of a file of `models/`, in an installed wheel or in the source tree."""
-    packaged = Path(str(resources.files("afl_mujoco") / "models" / name))
-    return packaged if packaged.exists() else packaged.parents[2] / "models" / name
-
-
-@register_jitable
-def capsule_inertia(mass, half_length, radius):
-    """Return the inertia across a uniform solid capsule, about its middle [kg m^2].
-
-    mass: Its mass [kg].
-    half_length, radius: Half the length of its cylinder, and the radius of cylinder and end caps
-        [m].
-    """
-    length = 2.0 * half_length
-    caps = mass * (4.0 * radius) / (4.0 * radius + 3.0 * length)  # volumes without pi r^2 / 3
-    barrel = mass - caps
-    return barrel * (radius * radius / 4.0 + length * length / 12.0) + caps * (
-        0.4 * radius * radius + length * length / 4.0 + 0.375 * length * radius
-    )
-
-
-@register_jitable
-def pole_inertia(rod, pole_mass, half_length, tip_share, radius):
-    """Return the pole's inertia across it, about its own centre of mass [kg m^2].
-
-    A share of the mass is a point at the tip, the rest a rod or capsule centred at `half_length`;
-    the centre of mass lies at ``(1 + tip_share) half_length``.
-
-    rod: Inertia of the whole mass as a slender rod [kg m^2], the result without share and radius.
-    pole_mass, half_length: m [kg] and l [m].
-    """
-    if radius > 0.0:
-        rod = capsule_inertia(pole_mass, half_length, radius)
-    between = tip_share * (1.0 - tip_share) * pole_mass * half_length * half_length
-    return (1.0 - tip_share) * rod + between
-
-
-def describe(spec: Any, p: CartPoleParameters) -> None:
-    """Write the parameters of the ideal plant into the description that is about to be compiled."""
-    x2, y2, z2 = (half * half for half in CART_HALF_SIZE)
-    rod = p.pole_mass * p.half_length * p.half_length / 3.0
-    cart, pole, geom = spec.body("cart"), spec.body("pole"), spec.geom("pole")
-    cart.mass = p.cart_mass
-    cart.inertia = [p.cart_mass * (sum_ / 3.0) for sum_ in (y2 + z2, x2 + z2, x2 + y2)]
-    pole.mass = p.pole_mass
-    pole.inertia = [rod, rod, AXIAL_SHARE * rod]
-    pole.ipos = [0.0, 0.0, p.half_length]
-    spec.geom("cart").size = CART_HALF_SIZE
-    geom.size = [POLE_RADIUS, p.half_length, 0.0]
-    geom.pos = [0.0, 0.0, p.half_length]
-    spec.site("tip").pos = [0.0, 0.0, 2.0 * p.half_length]
-    spec.option.gravity = [0.0, 0.0, -p.gravity]
+WRITTEN = {"damping": "damping", "dry_friction": "frictionloss", "armature": "armature"}
+"""Imperfections that a plant may write itself, and as what."""
 
 
 def passive_arrays(
-    compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, slider: Any, hinge: Any
+    compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, coordinates: tuple[str, ...]
 ) -> dict[str, NDArray[Any]]:
     """Return the fields of MjModel with the passive physics of `imperfections`."""
     arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
-    z, phi = slider.dofadr[0], hinge.dofadr[0]
-    arrays["dof_damping"][[z, phi]] += r.at("damping.z"), r.at("damping.phi")
-    arrays["dof_armature"][[z, phi]] += r.at("armature.z"), r.at("armature.phi")
-    for dof, friction in ((z, r.at("dry_friction.z")), (phi, r.at("dry_friction.phi"))):
-        if friction > 0.0:
-            arrays["dof_frictionloss"][dof] += friction
-            arrays["dof_solref"][dof], arrays["dof_solimp"][dof] = FRICTION_SOLREF, FRICTION_SOLIMP
-    if (rail := r.at("end_stops.z")) is not None:
-        arrays["jnt_limited"][slider.id] = True
-        arrays["jnt_range"][slider.id] = -rail, rail
-        arrays["jnt_solref"][slider.id] = STOP_SOLREF
+    for i, name in enumerate(coordinates):
+        arrays["dof_damping"][i] += r.at(f"damping.{name}")
+        arrays["dof_armature"][i] += r.at(f"armature.{name}")
+        if (friction := r.at(f"dry_friction.{name}")) > 0.0:
+            arrays["dof_frictionloss"][i] += friction
+            arrays["dof_solref"][i], arrays["dof_solimp"][i] = FRICTION_SOLREF, FRICTION_SOLIMP
+        if (stop := r.at(f"end_stops.{name}")) is not None:
+            arrays["jnt_limited"][i] = True
+            arrays["jnt_range"][i] = -stop, stop
+            arrays["jnt_solref"][i] = STOP_SOLREF
     return arrays
 
 
@@ -136,87 +70,277 @@ def require_integrator(name: str) -> None:
         raise UnknownNameError.among("integrator", name, INTEGRATORS)
 
 
-ADDRESSES = np.dtype(
-    [
-        (name, np.int64)
-        for name in (
-            *("model", "data", "scratch"),
-            *("cart_mass", "cart_inertia", "pole_mass", "pole_inertia", "pole_com"),
-            *("geom_half_length", "geom_centre", "tip", "timestep", "gravity", "shape"),
-            *("z", "phi", "z_dot", "phi_dot", "control", "push", "torque"),
-            *("z_ddot", "phi_ddot", "z_ddot_smooth", "phi_ddot_smooth"),
-        )
-    ]
-)
-"""Record of the addresses of MuJoCo's structures and of their numbers that compiled code uses."""
+class Addresses(NamedTuple):
+    """Where compiled code finds MuJoCo's structures and their numbers."""
+
+    model: int
+    data: int
+    timestep: int
+    qpos: int
+    qvel: int
+    ctrl: int
+    applied: int  # generalised forces
+    qacc: int
+    smooth: int  # accelerations without friction and stops
+    n: int  # how many coordinates
+    k: int  # and inputs there are
+    structures: NDArray[np.int64]  # of the model and of scratch data, for `library.write_row`
+    targets: NDArray[np.int64]  # of what a row of the writer has
 
 
-@kernel
-def write_parameters(at, cart_mass, pole_mass, half_length, gravity):
-    """Write every model field that depends on the parameters, then refresh the derived constants.
-
-    cart_mass, pole_mass, half_length, gravity: M, m [kg], l [m], g [m/s^2].
-    """
-    x2, y2, z2 = CART_HALF_SIZE[0] ** 2, CART_HALF_SIZE[1] ** 2, CART_HALF_SIZE[2] ** 2
-    store(at.cart_mass, cart_mass)
-    store(at.cart_inertia, cart_mass * ((y2 + z2) / 3.0))
-    store(at.cart_inertia + 8, cart_mass * ((x2 + z2) / 3.0))
-    store(at.cart_inertia + 16, cart_mass * ((x2 + y2) / 3.0))
-    rod = pole_mass * half_length * half_length / 3.0
-    store(at.pole_mass, pole_mass)
-    tip_share, radius = load(at.shape), load(at.shape + 8)
-    across = pole_inertia(rod, pole_mass, half_length, tip_share, radius)
-    store(at.pole_inertia, across)
-    store(at.pole_inertia + 8, across)
-    store(at.pole_inertia + 16, AXIAL_SHARE * across)
-    store(at.pole_com, (1.0 + tip_share) * half_length)
-    store(at.geom_half_length, half_length)
-    store(at.geom_centre, half_length)
-    store(at.tip, 2.0 * half_length)
-    store(at.gravity, -gravity)
-    mj_set_const(at.model, at.scratch)
+@inlined_kernel
+def read_numbers(address, out):
+    """Read consecutive numbers."""
+    for i in range(len(out)):
+        out[i] = load(address + 8 * i)
 
 
-@kernel
-def read_state(at):
-    """Return the state in MjData."""
-    return load(at.z), load(at.phi), load(at.z_dot), load(at.phi_dot)
+@inlined_kernel
+def write_numbers(address, values):
+    """Write consecutive numbers."""
+    for i in range(len(values)):
+        store(address + 8 * i, values[i])
 
 
-@kernel
-def write_state(at, z, phi, z_dot, phi_dot):
+@inlined_kernel
+def read_state(at, out):
+    """Read the state in MjData, shape (2 n,) or longer."""
+    for i in range(at.n):
+        out[i] = load(at.qpos + 8 * i)
+        out[at.n + i] = load(at.qvel + 8 * i)
+
+
+@inlined_kernel
+def write_state(at, state):
     """Write the state into MjData."""
-    store(at.z, z)
-    store(at.phi, phi)
-    store(at.z_dot, z_dot)
-    store(at.phi_dot, phi_dot)
+    for i in range(at.n):
+        store(at.qpos + 8 * i, state[i])
+        store(at.qvel + 8 * i, state[at.n + i])
 
 
 @kernel
-def forward(at, z, phi, z_dot, phi_dot, force, push, torque=0.0):
-    """Return MuJoCo's (z'', phi'') for a state, an actuator force and generalised forces."""
-    write_state(at, z, phi, z_dot, phi_dot)
-    store(at.control, force)
-    store(at.push, push)
-    store(at.torque, torque)
+def forward(at, state, inputs, forces, out):
+    """Write MuJoCo's accelerations for a state, inputs and generalised forces.
+
+    state, inputs, forces, out: Shapes (2 n,), (k,), (n,), (n,).
+    """
+    write_state(at, state)
+    write_numbers(at.ctrl, inputs)
+    write_numbers(at.applied, forces)
     mj_forward(at.model, at.data)
-    return load(at.z_ddot), load(at.phi_ddot)
+    read_numbers(at.qacc, out)
 
 
 @kernel
-def impulse_jump(at, z, phi, z_dot, phi_dot, impulse):
-    """Return the jump of (z_dot, phi_dot) under an ideal impulse on the cart.
+def impulse_jump(at, impulse, out):
+    """Write the jump of the rates under ideal impulses along the coordinates, both of shape (n,).
 
     Friction and stops do not act during an impulse. Without them accelerations are linear in the
     force: a force equal to `impulse` changes them by the inverse mass matrix times the impulse.
     """
-    forward(at, z, phi, z_dot, phi_dot, 0.0, impulse)
-    z_with, phi_with = load(at.z_ddot_smooth), load(at.phi_ddot_smooth)
-    forward(at, z, phi, z_dot, phi_dot, 0.0, 0.0)
-    return z_with - load(at.z_ddot_smooth), phi_with - load(at.phi_ddot_smooth)
+    for i in range(at.k):
+        store(at.ctrl + 8 * i, 0.0)
+    write_numbers(at.applied, impulse)
+    mj_forward(at.model, at.data)
+    read_numbers(at.smooth, out)
+    for i in range(at.n):
+        store(at.applied + 8 * i, 0.0)
+    mj_forward(at.model, at.data)
+    for i in range(at.n):
+        out[i] -= load(at.smooth + 8 * i)
 
 
-class CartPoleModel:
+class SimulatedModel:
+    """A plant's MuJoCo model whose parameters and imperfections can be changed while it runs.
+
+    Parameters
+    ----------
+    plant
+        The plant, compiled at its nominal parameters.
+    timestep
+        MuJoCo's timestep [s].
+    integrator
+        ``"RK4"``, ``"Euler"``, ``"implicit"`` or ``"implicitfast"``.
+    edit
+        Called with the `mujoco.MjSpec` before it is compiled, to add what is left out.
+    imperfections
+        Passive physics, on top of what `edit` adds.
+
+    Attributes
+    ----------
+    mj_model, mj_data
+        The compiled `mujoco.MjModel` and its `mujoco.MjData`.
+    addresses
+        Where compiled code finds them: `Addresses`.
+
+    Raises
+    ------
+    AflMujocoError
+        If a setting breaks its rule, or the MJCF cannot be read.
+    """
+
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        timestep: float = 1e-3,
+        integrator: str = "RK4",
+        edit: Callable[[mujoco.MjSpec], None] | None = None,
+        imperfections: Imperfections = IDEAL,
+    ) -> None:
+        require_integrator(integrator)
+        require_positive("timestep", timestep)
+
+        def alter(spec: Any) -> None:
+            spec.option.timestep = timestep
+            spec.option.integrator = INTEGRATORS[integrator]
+            spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+            if edit is not None:
+                edit(spec)
+
+        self.plant = plant
+        self.writer = PlantModel(plant, alter=alter)
+        self.mj_model, model = self.writer.mj_model, self.writer.mj_model
+        limited = model.actuator_ctrllimited.astype(bool)
+        everything = np.array([-np.inf, np.inf])
+        self.limits = np.where(limited[:, None], model.actuator_ctrlrange, everything)
+        model.actuator_ctrllimited[:] = 0  # the drives keep within them, and say that they do
+        self._compiled = {name: getattr(model, name).copy() for name in PASSIVE}
+        self.drive(self.writer.mj_data)
+        if imperfections != IDEAL:
+            self.set_imperfections(imperfections)
+
+    def drive(self, data: mujoco.MjData) -> None:
+        """Make `data` the state that compiled code reads and writes.
+
+        Parameters
+        ----------
+        data
+            An MjData of this model, for example that of a dm_control Physics.
+        """
+        self.mj_data = data
+        self.addresses = _addresses(self, data)
+
+    def write(self, values: NDArray[np.float64]) -> None:
+        """Change the plant: absolute values, derived constants refreshed, state kept.
+
+        Parameters
+        ----------
+        values
+            The new parameters, shape (parameters,).
+        """
+        write_row(self.addresses.structures, self.addresses.targets, self.rows(values)[0])
+
+    def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return what parameters are in the model, each row checked.
+
+        values: Shape (N, parameters).
+        """
+        rows = self.writer.rows(values)
+        self.writer.require(rows, np.atleast_2d(values))
+        return rows
+
+    def accelerations(
+        self, state: NDArray[np.float64], inputs: Any = 0.0, forces: Any = 0.0
+    ) -> NDArray[np.float64]:
+        """Return MuJoCo's accelerations, shape (n,).
+
+        Parameters
+        ----------
+        state
+            Coordinates and rates, shape (2 n,).
+        inputs
+            What the drives exert [N], one number or shape (k,).
+        forces
+            Generalised forces beside them [N, N m], one number or shape (n,).
+        """
+        at = self.addresses
+        found, exerted, beside = np.empty(at.n), np.empty(at.k), np.empty(at.n)
+        exerted[:], beside[:] = inputs, forces
+        forward(at, np.array(state, np.float64), exerted, beside, found)
+        return found
+
+    def set_imperfections(self, imperfections: Imperfections) -> None:
+        """Change passive physics and mass distribution to those of `imperfections` alone.
+
+        The parameters are to be written afterwards.
+
+        Parameters
+        ----------
+        imperfections
+            Damping, friction, armature and end stops are added to the model as it was compiled.
+        """
+        imperfections = imperfections.of_plant(self.plant)
+        for name, field in WRITTEN.items():
+            for part in getattr(imperfections, name):
+                if any(str(one) == f"joint {part} {field}" for one in self.writer.targets):
+                    rule = "is written by the plant; change its parameter instead"
+                    raise InvalidValueError(f"imperfections.{name}.{part}", rule)
+        passive = passive_arrays(self._compiled, imperfections, tuple(self.plant.coordinates))
+        for name, array in passive.items():
+            getattr(self.mj_model, name)[:] = array
+        self.writer.details = {name: getattr(imperfections, name) for name in self.plant.details}
+
+    def decay_rate(self, spans: Mapping[str, tuple[float, float]]) -> float:
+        """Return the fastest rate [1/s] at which damping slows a joint, where the step must follow.
+
+        Of MuJoCo's integrators only RK4 is explicit in the damping: its steps must not be longer
+        than the decay. For the others, and without damping, the rate is 0.
+
+        Parameters
+        ----------
+        spans
+            Least and largest value of each parameter; it is fastest at one of their extremes.
+        """
+        model = self.mj_model
+        damping = np.array(model.dof_damping)
+        if model.opt.integrator != INTEGRATORS["RK4"] or not damping.any():
+            return 0.0
+        mass, rates, data = np.zeros((model.nv, model.nv)), [], mujoco.MjData(model)
+        for values in itertools.product(*(dict.fromkeys(span) for span in spans.values())):
+            self.write(np.array(values))
+            mujoco.mj_resetData(model, data)
+            mujoco.mj_forward(model, data)
+            mujoco.mj_fullM(model, data, mass)
+            damping = np.array(model.dof_damping)
+            rates.append(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(damping)))).max())
+        return float(max(rates))
+
+    def compute_only(self) -> None:
+        """Disable what MuJoCo need not compute: the same bits in up to a third less time.
+
+        A plant is one tree without contacts, so there is one island of constraints at most and
+        none to be found. Every other flag stays as it is.
+        """
+        bits, model = mujoco.mjtDisableBit, self.mj_model
+        needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
+        flags = model.opt.disableflags | int(needless)
+        constraint = int(bits.mjDSBL_CONSTRAINT)
+        constrained = model.dof_frictionloss.any() or model.jnt_limited.any()
+        model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
+
+    def generalised(self, channels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """Return what forces on `channels_of` are along coordinates, and beside the drives.
+
+        channels: Shape (N, k + n).
+        Returns tuple of ndarray: Shapes (N, n) and (N, k): what acts on a joint acts along it, and
+            what acts at a site stays with its input.
+        """
+        model, k = self.mj_model, len(self.plant.inputs)
+        along, beside = channels[:, k:].copy(), np.zeros((len(channels), k))
+        for i in range(k):
+            if not channels[:, i].any():
+                continue
+            geared = any(str(one).startswith("actuator ") for one in self.writer.targets)
+            if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE or geared:
+                beside[:, i] = channels[:, i]
+                continue
+            gear = model.actuator_gear[i, 0] * model.actuator_gainprm[i, 0]
+            along[:, model.actuator_trnid[i, 0]] += gear * channels[:, i]
+        return along, beside
+
+
+class CartPoleModel(SimulatedModel):
     """A compiled MuJoCo cart-pole whose parameters can be changed while it runs.
 
     Parameters
@@ -238,8 +362,6 @@ class CartPoleModel:
     ----------
     mj_model, mj_data
         The compiled `mujoco.MjModel` and its `mujoco.MjData`.
-    addresses
-        Where compiled code finds them: a NumPy record.
 
     Raises
     ------
@@ -257,39 +379,14 @@ class CartPoleModel:
         edit: Callable[[mujoco.MjSpec], None] | None = None,
         imperfections: Imperfections = IDEAL,
     ) -> None:
-        require_integrator(integrator)
-        path = model_file(file)
-        try:
-            spec = mujoco.MjSpec.from_file(str(path))
-        except ValueError as error:
-            raise FileError(str(path), f"is not MJCF: {error}") from None
-        spec.option.timestep = require_positive("timestep", timestep)
-        spec.option.integrator = INTEGRATORS[integrator]
-        describe(spec, parameters)
-        if edit is not None:
-            edit(spec)
-        try:
-            self.mj_model = spec.compile()
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            raise InvalidValueError("MuJoCo model", f"must compile: {reason}") from None
-        self.mj_data = mujoco.MjData(self.mj_model)
-        self._scratch, self._shape = mujoco.MjData(self.mj_model), np.zeros(2)
-        self._compiled = {name: getattr(self.mj_model, name).copy() for name in PASSIVE}
-        self.drive(self.mj_data)
-        if imperfections != IDEAL:
-            self.set_imperfections(imperfections, parameters)
-
-    def drive(self, data: mujoco.MjData) -> None:
-        """Make `data` the state that compiled code reads and writes.
-
-        Parameters
-        ----------
-        data
-            An MjData of this model, for example that of a dm_control Physics.
-        """
-        self.mj_data = data
-        self.addresses = _addresses(self.mj_model, data, self._scratch, self._shape)
+        super().__init__(
+            shown(CART_POLE, file),
+            timestep=timestep,
+            integrator=integrator,
+            edit=edit,
+            imperfections=imperfections,
+        )
+        self.set_parameters(parameters)
 
     def set_parameters(self, parameters: CartPoleParameters) -> None:
         """Change the plant: absolute values, derived constants refreshed, state kept.
@@ -299,118 +396,38 @@ class CartPoleModel:
         parameters
             The new plant.
         """
-        p = parameters
-        write_parameters(self.addresses, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-
-    def set_imperfections(
-        self, imperfections: Imperfections, parameters: CartPoleParameters
-    ) -> None:
-        """Change passive physics and mass distribution to those of `imperfections` alone.
-
-        Parameters
-        ----------
-        imperfections
-            Damping, friction, armature and end stops are added to the model as it was compiled.
-        parameters
-            The plant.
-        """
-        joints = self.mj_model.joint("z"), self.mj_model.joint("phi")
-        for name, array in passive_arrays(self._compiled, imperfections, *joints).items():
-            getattr(self.mj_model, name)[:] = array
-        self._shape[:] = imperfections.tip_mass_share, imperfections.pole_radius
-        self.set_parameters(parameters)
-
-    def decay_rate(self, plants: PlantRange) -> float:
-        """Return the fastest rate [1/s] at which damping slows a joint, where the step must follow.
-
-        Of MuJoCo's integrators only RK4 is explicit in the damping: its steps must not be longer
-        than the decay. For the others, and without damping, the rate is 0.
-
-        Parameters
-        ----------
-        plants
-            The plants of a run; it is fastest at one of their extremes.
-        """
-        model, data = self.mj_model, self._scratch
-        damping = np.array(model.dof_damping)
-        if model.opt.integrator != INTEGRATORS["RK4"] or not damping.any():
-            return 0.0
-        mass, rates = np.zeros((model.nv, model.nv)), []
-        for cart_mass, half_length in itertools.product(plants.cart_mass, plants.half_length):
-            p = (cart_mass, plants.pole_mass, half_length, plants.gravity)
-            write_parameters(self.addresses, *p)
-            mujoco.mj_resetData(model, data)
-            mujoco.mj_forward(model, data)
-            mujoco.mj_fullM(model, data, mass)
-            rates.append(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(damping)))).max())
-        return float(max(rates))
-
-    def compute_only(self, imperfections: Imperfections) -> None:
-        """Disable what MuJoCo need not compute: the same bits in up to a third less time.
-
-        Cart and pole are one tree, so there is one island of constraints at most and none to be
-        found. Every other flag stays as it is, including the one that disables MuJoCo's own reset
-        of a bad state.
-        """
-        bits, r = mujoco.mjtDisableBit, imperfections
-        needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
-        flags = self.mj_model.opt.disableflags | int(needless)
-        constraint = int(bits.mjDSBL_CONSTRAINT)
-        friction = max(r.at("dry_friction.z"), r.at("dry_friction.phi"))
-        constrained = friction > 0.0 or r.at("end_stops.z") is not None
-        self.mj_model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
+        self.write(np.array([getattr(parameters, name) for name in self.plant.parameters]))
 
 
-def _addresses(
-    model: mujoco.MjModel,
-    data: mujoco.MjData,
-    scratch: mujoco.MjData,
-    shape: NDArray[np.float64],
-) -> Any:
-    """Return a record of the addresses of everything that compiled code reads and writes."""
+def shown(plant: Plant, file: str) -> Plant:
+    """Return the cart-pole with another MJCF of `models/`."""
+    return plant if file == "cartpole.xml" else replace(plant, model=model_file(file))
 
-    def element(array: NDArray[np.float64], *index: int) -> int:
-        if array.dtype != np.float64:
-            raise InvalidValueError("MuJoCo", "must be built in double precision", array.dtype)
-        offset = sum(int(i) * stride for i, stride in zip(index, array.strides, strict=True))
-        return int(array.ctypes.data) + offset
 
-    cart, pole = model.body("cart").id, model.body("pole").id
-    geom, tip = model.geom("pole").id, model.site("tip").id
-    slider, hinge = model.joint("z"), model.joint("phi")
-    z, phi = slider.qposadr[0], hinge.qposadr[0]
-    z_dof, phi_dof = slider.dofadr[0], hinge.dofadr[0]
-    addresses = np.zeros(1, ADDRESSES)
-    places = {
-        "model": model._address,
-        "data": data._address,
-        "scratch": scratch._address,
-        "cart_mass": element(model.body_mass, cart),
-        "cart_inertia": element(model.body_inertia, cart, 0),
-        "pole_mass": element(model.body_mass, pole),
-        "pole_inertia": element(model.body_inertia, pole, 0),
-        "pole_com": element(model.body_ipos, pole, 2),
-        "geom_half_length": element(model.geom_size, geom, 1),
-        "geom_centre": element(model.geom_pos, geom, 2),
-        "tip": element(model.site_pos, tip, 2),
-        "timestep": _timestep_address(model),
-        "gravity": element(model.opt.gravity, 2),
-        "z": element(data.qpos, z),
-        "phi": element(data.qpos, phi),
-        "z_dot": element(data.qvel, z_dof),
-        "phi_dot": element(data.qvel, phi_dof),
-        "control": element(data.ctrl, model.actuator("force").id),
-        "push": element(data.qfrc_applied, z_dof),
-        "z_ddot": element(data.qacc, z_dof),
-        "phi_ddot": element(data.qacc, phi_dof),
-        "torque": element(data.qfrc_applied, phi_dof),
-        "shape": element(shape, 0),
-        "z_ddot_smooth": element(data.qacc_smooth, z_dof),
-        "phi_ddot_smooth": element(data.qacc_smooth, phi_dof),
-    }
-    for name, address in places.items():
-        addresses[name] = address
-    return addresses[0]
+def _addresses(model: SimulatedModel, data: mujoco.MjData) -> Addresses:
+    """Return the addresses of everything that compiled code reads and writes."""
+    if data.qpos.dtype != np.float64:
+        raise InvalidValueError("MuJoCo", "must be built in double precision", data.qpos.dtype)
+    own = model.mj_model
+
+    def first(array: NDArray[np.float64]) -> int:
+        return int(array.ctypes.data)
+
+    return Addresses(
+        model=own._address,
+        data=data._address,
+        timestep=_timestep_address(own),
+        qpos=first(data.qpos),
+        qvel=first(data.qvel),
+        ctrl=first(data.ctrl),
+        applied=first(data.qfrc_applied),
+        qacc=first(data.qacc),
+        smooth=first(data.qacc_smooth),
+        n=len(model.plant.coordinates),
+        k=len(model.plant.inputs),
+        structures=model.writer.structures,
+        targets=model.writer.addresses,
+    )
 
 
 def _timestep_address(model: mujoco.MjModel) -> int:

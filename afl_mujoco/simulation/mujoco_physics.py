@@ -9,35 +9,47 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel, load
+from afl_mujoco.compiled import kernel
 from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.plants.library import mj_forward, write_row
 from afl_mujoco.scenario.belief import TRUTH
+from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sampling import instants, step_times
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation import mujoco_model as mm
-from afl_mujoco.simulation.decor import add_forces, add_marks, add_stops, marks_near, show_mass
+from afl_mujoco.simulation.decor import (
+    add_forces,
+    add_marks,
+    add_stops,
+    drawn_model,
+    marks_near,
+    show_mass,
+)
+from afl_mujoco.simulation.mujoco_model import (
+    SimulatedModel,
+    read_numbers,
+    read_state,
+    write_state,
+)
 from afl_mujoco.simulation.sampled.hardware import (
-    RECORD,
     RUNNING,
-    Actuator,
+    RunState,
     Sensors,
-    actuator_of,
+    actuators_of,
     new_run,
     no_commands,
     sense,
     sensors_of,
 )
 from afl_mujoco.simulation.sampled.loop import (
-    PROFILE,
-    Criterion,
     Plan,
+    Profile,
     advance,
     apply_impulse,
     write_plant,
 )
 from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Criterion, within_limits
 
 choose_backend()
 import mujoco  # noqa: E402  (like dm_control it reads MUJOCO_GL when imported)
@@ -57,92 +69,109 @@ _FOREVER = 2**62
 class Episode(NamedTuple):
     """The inputs of a scenario, sampled on the physics steps until nothing changes any more."""
 
-    constants: tuple[float, float, float]  # physics step [s], m [kg] and g [m/s^2]
-    profile: NDArray[Any]  # as in `loop.start`; its last row applies from then on
-    # M [kg] and l [m] at each instant, after the jump where there is one, shape (N, 2)
+    timestep: float  # physics step [s]
+    profile: Profile  # as in `loop.start`
+    # what is in the model at each instant, after the jump where there is one: the rows, and the row
+    # of each of N instants
+    rows: NDArray[np.float64]
+    which: NDArray[np.int64]
+    # the parameters that are `scheduled` at each instant, shape (N, parameters)
     now: NDArray[np.float64]
-    # M [kg] and l [m] that a controller assumes: late and with an error if the scenario has such
+    # the same as a controller assumes them: late and with an error if the scenario has such
     # imperfections
     told: NDArray[np.float64]
     sensors: Sensors  # the hardware
-    actuator: Actuator
+    actuators: NDArray[Any]
 
 
-def episode_of(scenario: Scenario, timestep: float, hold: int) -> Episode:
-    """Return the sampled inputs of a scenario.
+def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
+    """Return the sampled inputs of a scenario, whose imperfections the model has.
 
     timestep: Physics step [s].
     """
-    s, r = scenario, scenario.imperfections
+    s, r, plant = scenario, scenario.imperfections, scenario.plant
     count = len(step_times(s.duration, timestep)) - 1
     changing = min(math.ceil(last_change(s) / timestep) + 1, count)
     times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
-    profile = input_profile(s, times[: min(changing + 1, count) + 1])
+    profile = input_profile(model, s, times[: min(changing + 1, count) + 1])
     until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
     at = instants(times[: until + 1])
-    now = np.stack([s.cart_mass(at), s.half_length(at)], axis=1)
+    now = s.values(at)
     if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
-        profile = np.concatenate([profile, np.zeros(1, PROFILE)])
-        profile["cart_mass"][-1], profile["half_length"][-1] = now[-1]
+        last = Profile(
+            rows=model.rows(now[-1]),
+            which=np.array([len(profile.rows)]),
+            push=np.zeros((1, len(plant.coordinates))),
+            beside=np.zeros((1, len(plant.inputs))),
+            impulse=np.zeros((1, len(plant.coordinates))),
+            split=np.array([-1.0]),
+            joins=np.zeros(1, dtype=np.int64),
+        )
+        pairs: Any = zip(profile, last, strict=True)
+        profile = Profile(*map(np.concatenate, pairs))
     told = now
     if r.parameter_delay or s.belief != TRUTH:
-        told = np.stack(told_parameters(s, at), axis=1)
+        told = told_parameters(s, at)
+    changed = np.ones(len(now), dtype=np.bool_)
+    changed[1:] = (now[1:] != now[:-1]).any(axis=1)
+    columns = [[*plant.parameters].index(name) for name in scheduled(plant)]
     return Episode(
-        constants=(float(timestep), s.pole_mass, s.gravity),
+        timestep=float(timestep),
         profile=profile,
-        now=now,
-        told=told,
-        sensors=sensors_of(r, hold * timestep),
-        actuator=actuator_of(r, timestep, count),
+        rows=np.ascontiguousarray(model.rows(now[changed])),
+        which=np.cumsum(changed) - 1,
+        now=np.ascontiguousarray(now[:, columns]),
+        told=np.ascontiguousarray(told[:, columns]),
+        sensors=sensors_of(s, hold * timestep),
+        actuators=actuators_of(s, model.limits, timestep, count),
     )
 
 
 @kernel
-def _plan(constants, hold):
+def _plan(n, timestep, hold):
     """Return the plan of a control period, built here because Python would take longer."""
-    timestep, pole_mass, gravity = constants
+    never = np.full(n, np.inf)
     endless = Criterion(
-        fall_angle=np.inf, z=np.inf, phi=np.inf, z_dot=np.inf, phi_dot=np.inf, dwell=0
+        target=np.zeros(n),
+        wraps=np.zeros(n, np.bool_),
+        ends=never,
+        tipped=never,
+        stops=never,
+        bands=np.full(2 * n, np.inf),
+        dwell=0,
     )
-    return Plan(
-        steps=_FOREVER,
-        hold=hold,
-        timestep=timestep,
-        last=timestep,
-        pole_mass=pole_mass,
-        gravity=gravity,
-        rail=np.inf,
-        criterion=endless,
-    )
+    return Plan(steps=_FOREVER, hold=hold, timestep=timestep, last=timestep, criterion=endless)
 
 
 @kernel
-def begin_held(at, constants, profile, run):
+def begin_held(at, profile, run):
     """Apply what happens at the start of the first step."""
-    run.written_mass = np.nan
-    write_plant(at, _plan(constants, 1), profile, run, 0)
-    apply_impulse(at, profile, 0, False)
+    run.marks.written = RUNNING
+    write_plant(at, profile, run, 0)
+    apply_impulse(at, profile, run, 0, False)
 
 
 @kernel
-def advance_held(at, constants, profile, now, actuator, run, pending, instant, hold):
-    """Take the steps of a control period under the command in MjData; return the instant reached.
+def advance_held(at, timestep, profile, rows, which, actuators, run, pending, instant, hold):
+    """Take the steps of a control period under the commands in MjData; return the instant reached.
 
     It stops where the state diverges. Otherwise it leaves model and data at that instant, with the
-    (M, l) that `now` holds for it.
+    row of parameters that is its own.
     """
-    plan = _plan(constants, hold)
-    if not within_limits(mm.read_state(at)):
+    read_state(at, run.after)
+    if not within_limits(run.after):
         return instant
-    run.step, run.status, run.written_mass = instant, RUNNING, np.nan
-    write_plant(at, plan, profile, run, instant)
-    force = load(at.control)
-    advance(at, plan, actuator, profile, run, pending, np.empty((0, len(RECORD))), force)
-    if not within_limits(mm.read_state(at)):
-        return run.step + 1
-    i = min(instant + hold, len(now) - 1)
-    mm.write_parameters(at, now[i, 0], plan.pole_mass, now[i, 1], plan.gravity)
-    mm.mj_forward(at.model, at.data)
+    marks = run.marks
+    marks.step, marks.status, marks.written = instant, RUNNING, RUNNING
+    write_plant(at, profile, run, instant)
+    read_numbers(at.ctrl, run.command)
+    plan = _plan(at.n, timestep, hold)
+    advance(at, plan, actuators, profile, run, pending, np.empty((0, 0)))
+    read_state(at, run.after)
+    if not within_limits(run.after):
+        return marks.step + 1
+    write_row(at.structures, at.targets, rows[which[min(instant + hold, len(which) - 1)]])
+    mj_forward(at.model, at.data)
     return instant + hold
 
 
@@ -162,9 +191,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self, scenario: Scenario, *, timestep: float, integrator: str, hold: int = 1
     ) -> None:
         self._timestep, self._integrator, self.hold = timestep, integrator, hold
-        self._model = mm.CartPoleModel(
-            scenario.parameters_at(0.0), file="scene.xml", timestep=timestep, integrator=integrator
-        )
+        self._model = drawn_model(scenario, timestep=timestep, integrator=integrator)
         self._take(scenario)
         data = wrapper.MjData(wrapper.MjModel(self._model.mj_model))
         self._model.drive(data.ptr)
@@ -172,23 +199,30 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.reset()
 
     def _take(self, scenario: Scenario) -> None:
-        """Take the inputs of a scenario."""
+        """Take the plant, the hardware and the inputs of a scenario."""
         self.scenario = scenario
-        self.episode = episode_of(scenario, self._timestep, self.hold)
-        self.pending = no_commands(self.episode.actuator)
-        self.run: Any = new_run()
-        self._seen: NDArray[np.float64] = np.zeros(4)
-        self._seen_at: tuple[float, ...] = ()
+        self._model.set_imperfections(scenario.imperfections)
+        self.episode = episode_of(self._model, scenario, self._timestep, self.hold)
+        self.pending = no_commands(self.episode.actuators)
+        self.run = self._new_run()
+        self._seen_at: tuple[Any, ...] = ()
+
+    def _new_run(self) -> RunState:
+        return new_run(len(self.scenario.plant.coordinates), len(self.scenario.plant.inputs))
 
     def follow(self, scenario: Scenario) -> None:
-        """Take another scenario's plant and hardware; `begin` starts it."""
+        """Take another scenario of the same plant, and its hardware; `begin` starts it."""
         self._take(scenario)
-        self._model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
 
     @property
     def addresses(self) -> Any:
-        """`CartPoleModel.addresses` of its model and data."""
+        """`SimulatedModel.addresses` of its model and data."""
         return self._model.addresses
+
+    @property
+    def limits(self) -> NDArray[np.float64]:
+        """`SimulatedModel.limits` of the inputs."""
+        return self._model.limits
 
     @property
     def instant(self) -> int:
@@ -196,91 +230,104 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return round(float(self.data.ptr.time) / self._timestep)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Return the true (M, l) [kg, m] now, after the jump where there is one, shape (2,)."""
+        """Return the true parameters that are `scheduled` now, after the jump where there is one.
+
+        Of the cart-pole (M, l) [kg, m], shape (2,); of another plant all, shape (parameters,).
+        """
         return self._at_instant(self.episode.now)
 
     def told_parameters(self) -> NDArray[np.float64]:
-        """Return (M, l) [kg, m] as a controller assumes them now, shape (2,)."""
+        """Return the same parameters as a controller assumes them now."""
         return self._at_instant(self.episode.told)
 
     def _at_instant(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
         found: NDArray[np.float64] = rows[min(self.instant, len(rows) - 1)].copy()
         return found
 
+    def true_state(self) -> NDArray[np.float64]:
+        """Return the true state, shape (2 n,)."""
+        data = self.data.ptr
+        return np.concatenate([data.qpos, data.qvel])
+
     def measured(self) -> NDArray[np.float64]:
-        """Return (z, phi, z_dot, phi_dot) as measured at this control tick, shape (4,)."""
-        now = (self.instant, *mm.read_state(self.addresses))
+        """Return the state as measured at this control tick, shape (2 n,)."""
+        now = (self.instant, self.true_state().tobytes())
         if now != self._seen_at:  # filters and differences must see each tick once
-            tick = self.instant // self.hold
-            seen = sense(self.addresses, self.episode.sensors, self.run, tick)
-            self._seen, self._seen_at = np.array(seen), now
-        return self._seen.copy()
+            sense(self.addresses, self.episode.sensors, self.run, self.instant // self.hold)
+            self._seen_at = now
+        return self.run.measured.copy()
 
     def diverged(self) -> bool:
         """Return whether the state exceeds `STATE_LIMIT` or is not finite."""
-        return not within_limits(mm.read_state(self.addresses))
+        return not within_limits(self.true_state())
 
     def begin(self, state: Sequence[float]) -> None:
         """Put the plant at t = 0 into `state`, then apply the impulses at that instant.
 
-        state: (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s].
+        state: Coordinates and rates, of the cart-pole (z, phi, z_dot, phi_dot) [m, rad, m/s,
+            rad/s].
         """
         self.data.ptr.time = 0.0
-        mm.write_state(self.addresses, *(float(x) for x in state))
-        self.run, self._seen_at = new_run(), ()
+        write_state(self.addresses, np.array(state, dtype=np.float64))
+        self.run, self._seen_at = self._new_run(), ()
         self.pending[:] = 0.0
-        begin_held(self.addresses, self.episode.constants, self.episode.profile, self.run)
+        begin_held(self.addresses, self.episode.profile, self.run)
         self.forward()
 
     def reset(self, keyframe_id: int | None = None) -> None:
         """Return to the scenario's initial state, plant included."""
         super().reset(keyframe_id)
-        self._model.set_imperfections(self.scenario.imperfections, self.scenario.parameters_at(0.0))
+        self._model.set_imperfections(self.scenario.imperfections)
         self.begin(self.scenario.initial_state)
 
     def forward(self) -> None:
         """Update everything in model and data to this instant and state."""
-        mass, length = self.parameters()
-        s = self.scenario
-        mm.write_parameters(self.addresses, mass, s.pole_mass, length, s.gravity)
+        e, at = self.episode, self.addresses
+        row = e.rows[e.which[min(self.instant, len(e.which) - 1)]]
+        write_row(at.structures, at.targets, row)
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
-        """Advance under the held command, with the plant and the push of each physics step.
+        """Advance under the held commands, with the plant and the push of each physics step.
 
-        The control in MjData holds the command before the call, and the force that the actuator
-        exerts after it. A state that has diverged stays as it is.
+        The controls in MjData hold the commands before the call, and what the drives exert after
+        it. A state that has diverged stays as it is.
         """
-        force = self.data.ptr.ctrl[0]
-        if not abs(force) < STATE_LIMIT:
-            raise InvalidValueError("control", f"must be below {STATE_LIMIT:g} N", f"{force:g} N")
+        for name, force in zip(self.scenario.plant.inputs, self.data.ptr.ctrl, strict=True):
+            if not abs(force) < STATE_LIMIT:
+                unit = f" {self.scenario.plant.units[name]}".rstrip()
+                rule = f"must be below {STATE_LIMIT:g}{unit}"
+                raise InvalidValueError("control", rule, f"{force:g}{unit}")
         e = self.episode
         reached = advance_held(
-            self.addresses, e.constants, e.profile, e.now, e.actuator, self.run, self.pending,
-            self.instant, nstep,
+            self.addresses, e.timestep, e.profile, e.rows, e.which, e.actuators, self.run,
+            self.pending, self.instant, nstep,
         )  # fmt: skip
         self.data.ptr.time = reached * self._timestep
 
     def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does, with forces as arrows; M sets the cart's size."""
+        """Return a picture as dm_control does.
+
+        Of the cart-pole forces are drawn as arrows, and M sets the size of the cart.
+        """
         decorated = {"scene_callback": _decorate, **settings}
-        if any(settings.get(name) for name in ("depth", "segmentation")):
+        plain = not self.scenario.is_cart_pole
+        if plain or any(settings.get(name) for name in ("depth", "segmentation")):
             decorated = settings
         picture: NDArray[np.uint8] = super().render(*args, **decorated)
         return picture
 
     def __getstate__(self) -> tuple[Any, ...]:
         vector = self.get_state(mujoco.mjtState.mjSTATE_INTEGRATION)
-        memory = (self.run.copy(), self.pending.copy(), self._seen_at)
-        seen = self._seen.copy()
-        return self.scenario, self._timestep, self._integrator, self.hold, vector, memory, seen
+        run = RunState(*(one.copy() for one in self.run))
+        memory = (run, self.pending.copy(), self._seen_at)
+        return self.scenario, self._timestep, self._integrator, self.hold, vector, memory
 
     def __setstate__(self, state: tuple[Any, ...]) -> None:
-        scenario, timestep, integrator, hold, vector, memory, seen = state
+        scenario, timestep, integrator, hold, vector, memory = state
         self.__init__(scenario, timestep=timestep, integrator=integrator, hold=hold)  # type: ignore[misc]
         self.set_state(vector, mujoco.mjtState.mjSTATE_INTEGRATION)
         self.run, self.pending, self._seen_at = memory
-        self._seen = seen
         self.forward()
 
     def copy(self, share_model: bool = False) -> Physics:
@@ -299,9 +346,9 @@ def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
     """Draw the cart's mass, the forces on it, the end stops and the marks of the rail near it."""
     mass, _ = physics.parameters()
     z = float(physics.data.ptr.qpos[0])
-    i = min(physics.instant, len(physics.episode.profile) - 1)
+    push = physics.episode.profile.push
     show_mass(scene, physics.model.geom("cart").id, float(mass))
     add_marks(scene, marks_near(z), numbered=True)
     add_stops(scene, physics.scenario.rail, float(mass))
-    push = float(physics.episode.profile["push"][i])
-    add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), push)
+    beside = float(push[min(physics.instant, len(push) - 1), 0])
+    add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), beside)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba.extending import register_jitable
@@ -14,6 +14,7 @@ from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
@@ -21,204 +22,303 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
-    NONE,
     RTOL,
     Derivative,
     Solver,
     Transition,
     compiled_solver,
     integrate,
-    limit_margin,
     python_rk4,
     scipy_solver,
-    segment_numbers,
 )
+from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import (
-    CartPoleModel,
+    SimulatedModel,
     forward,
     impulse_jump,
-    mujoco,
-    write_parameters,
+    write_state,
 )
 from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
 from afl_mujoco.simulation.trajectory import (
-    COMPLETED,
-    FELL,
-    OUTCOMES,
     STATE_LIMIT,
     Trajectory,
     assemble,
     controller_inputs,
+    criterion_of,
 )
 
-if TYPE_CHECKING:
-    import mujoco
-
-_COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
+PAPERS_CHANGE = ParameterChange()
 
 
-@kernel
-def _derivative(at, state, force, push, pole_mass, half_length, rate):
-    """Return (z_dot, phi_dot, z'', phi'') by MuJoCo; NaN where the controller has no force.
+class Line(NamedTuple):
+    """The parameters of a segment, and what they are in the model."""
 
-    A rod that stretches at `rate` [m/s] acts on both joints (decision D9).
+    start: float  # of the segment [s]
+    values: NDArray[np.float64]  # parameters at its start
+    rates: NDArray[np.float64]  # and their rates [1/s]
+    # what is written into the model along the segment, as Chebyshev polynomials of its share; none
+    # where nothing changes, shape (targets, degrees)
+    course: NDArray[np.float64]
+    length: float  # of the segment [s]
+    push: NDArray[np.float64]  # disturbing forces along coordinates [N, N m], shape (n,)
+    stretch: float  # rate of the half-length that acts on the rod of a cart-pole [m/s]
+
+
+class Space(NamedTuple):
+    """Work space of a right-hand side."""
+
+    row: NDArray[np.float64]  # (targets,)
+    values: NDArray[np.float64]  # (parameters,)
+    inputs: NDArray[np.float64]  # (k,)
+    forces: NDArray[np.float64]  # (n,)
+
+
+DEGREES = (3, 5, 9, 17, 33)
+"""Numbers of coefficients that are tried for what is written along a ramp."""
+
+SMOOTH = 1e-14
+"""Largest error of these, as a share of the largest number that is written in a place."""
+
+
+def line_of(
+    model: SimulatedModel, segment: Segment, change: ParameterChange = PAPERS_CHANGE
+) -> Line:
+    """Return the parameters of a segment as compiled code takes them."""
+    values, rates = (np.array(column) for column in zip(*segment.lines, strict=True))
+    push, beside = model.generalised(np.array([segment.push]))
+    if beside.any():
+        rule = "must name a coordinate in this mode: its input does not act on one joint"
+        raise InvalidValueError("disturbance", rule)
+    length = segment.end - segment.start
+    course = np.empty((len(model.addresses.targets), 0))
+    if rates.any():
+        course = _course(model, values, rates * length)
+    model.write(values)
+    stretch = segment.lines[2][1] if change.stretching else 0.0
+    return Line(segment.start, values, rates, course, length, push[0], stretch)
+
+
+def _course(
+    model: SimulatedModel, values: NDArray[np.float64], step: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what is written between two sets of parameters, as Chebyshev polynomials.
+
+    step: From the first set to the second.
     """
-    if not abs(force) < STATE_LIMIT:
-        return np.nan, np.nan, np.nan, np.nan
-    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    torque = 0.0
-    if rate != 0.0:
-        # (D9): Coriolis force of the growing rod on the cart, and its torque about the hinge
-        push += 2.0 * pole_mass * rate * phi_dot * np.cos(phi)
-        torque = -8.0 / 3.0 * pole_mass * half_length * rate * phi_dot
-    z_ddot, phi_ddot = forward(at, z, phi, z_dot, phi_dot, force, push, torque)
-    return z_dot, phi_dot, z_ddot, phi_ddot
-
-
-@kernel
-def forced_derivative(at, state, true, force, push, rate):
-    """Return (z_dot, phi_dot, z'', phi'') under a force.
-
-    state: (z, phi, z_dot, phi_dot), shape (4,) or longer.
-    force: Force of the controller [N]; NaN where it has none.
-    push: Disturbing force [N].
-    rate: Rate of the half-length that acts on the rod [m/s].
-    """
-    write_parameters(at, true[0], true[1], true[2], true[3])
-    return _derivative(at, state, force, push, true[1], true[2], rate)
+    between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))
+    expected = model.rows(values + between[:, None] * step)
+    scale = np.abs(expected).max(axis=0) + np.finfo(float).tiny
+    for count in DEGREES:
+        nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+        rows = model.rows(values + 0.5 * (1.0 + nodes)[:, None] * step)
+        cosines = np.cos(np.arange(count)[:, None] * np.arccos(nodes))
+        found = 2.0 / count * cosines @ rows
+        found[0] *= 0.5
+        error = np.abs(np.polynomial.chebyshev.chebval(2.0 * between - 1.0, found).T - expected)
+        if (error <= SMOOTH * scale).all():
+            return np.ascontiguousarray(found.T)
+    rule = "must be smooth in the parameters along a ramp, for this mode"
+    raise InvalidValueError(f"write of plant {model.plant.name!r}", rule)
 
 
 @register_jitable
-def loop_rates(arguments, time, state, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under the controller, as `dop853` needs them.
+def _write_at(at, line, space, time):
+    """Set parameters and model to a time of a segment."""
+    elapsed = time - line.start
+    for i in range(len(line.values)):
+        space.values[i] = line.values[i] + line.rates[i] * elapsed
+    degrees = line.course.shape[1]
+    if degrees == 0:  # the model has them since the start of the segment
+        return
+    x = 2.0 * elapsed / line.length - 1.0
+    for i in range(len(space.row)):  # Clenshaw's recurrence
+        b1, b2 = 0.0, 0.0
+        for j in range(degrees - 1, 0, -1):
+            b1, b2 = line.course[i, j] + 2.0 * x * b1 - b2, b1
+        space.row[i] = line.course[i, 0] + x * b1 - b2
+    write_row(at.structures, at.targets, space.row)
 
-    `arguments` are `CartPoleModel.addresses`, the numbers of the segment from
-    `integrator.segment_numbers`, the assumed (M, m, l, g), NaN for the true values, and the
-    controller as a `CompiledController`.
+
+@register_jitable
+def _write_rates(at, line, space, state, rates):
+    """Write the rates of the plant under the inputs, NaN where the controller has none."""
+    n = at.n
+    for i in range(at.k):
+        if not abs(space.inputs[i]) < STATE_LIMIT:
+            for j in range(2 * n):
+                rates[j] = np.nan
+            return
+    for i in range(n):
+        space.forces[i] = line.push[i]
+        rates[i] = state[n + i]
+    if line.stretch != 0.0:
+        # (D9): Coriolis force of the growing rod on the cart, and its torque about the hinge
+        phi, phi_dot, rate = state[1], state[3], line.stretch
+        mass, length = space.values[1], space.values[2]
+        space.forces[0] += 2.0 * mass * rate * phi_dot * np.cos(phi)
+        space.forces[1] = -8.0 / 3.0 * mass * length * rate * phi_dot
+    forward(at, state, space.inputs, space.forces, rates[n:])
+
+
+@kernel
+def forced_rates(at, line, space, time, state, rates):
+    """Write the rates of the plant under ``space.inputs``."""
+    _write_at(at, line, space, time)
+    _write_rates(at, line, space, state, rates)
+
+
+@register_jitable
+def loop_rates(arguments, time, state, rates):
+    """Write the rates of the loop of cart-pole and compiled controller, as integrators need them.
+
+    `arguments` are the addresses, the line and the work space, the assumed (M, m, l, g), NaN for
+    the true values, and the controller as a `CompiledController`.
     """
-    at, numbers, assumed, compiled = arguments
-    start, mass, mass_rate, length, length_rate, pole_mass, gravity, push, rate = numbers
+    at, line, space, assumed, compiled = arguments
     kind, table, masses, lengths = compiled
-    true = (
-        mass + mass_rate * (time - start), pole_mass, length + length_rate * (time - start),
-        gravity,
-    )  # fmt: skip
+    _write_at(at, line, space, time)
     if np.isnan(assumed[0]):
-        assumed = true
+        assumed = space.values[0], space.values[1], space.values[2], space.values[3]
     z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    force = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
-    found = forced_derivative(at, state, true, force, push, rate)
-    slopes[0], slopes[1], slopes[2], slopes[3] = found
+    space.inputs[0] = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+    _write_rates(at, line, space, state, rates)
 
 
 @borrowing_kernel
-def solve_segment(at, numbers, assumed, compiled, start, end, state, times, options, work, found):
+def solve_segment(
+    at, line, space, assumed, compiled, limits, start, end, state, times, options, work, found
+):
     """Integrate the compiled loop over a segment by `dop853.solve`."""
     return dop853.solve(
-        loop_rates, (at, numbers, assumed, compiled), limit_margin, start, end, state, times,
+        loop_rates, (at, line, space, assumed, compiled), limits, start, end, state, times,
         options, work, found,
     )  # fmt: skip
 
 
 @borrowing_kernel
-def step_segment(at, numbers, assumed, compiled, start, end, state, times, options, work, found):
+def step_segment(
+    at, line, space, assumed, compiled, limits, start, end, state, times, options, work, found
+):
     """Integrate the compiled loop over a segment by `dop853.solve_rk4`."""
     return dop853.solve_rk4(
-        loop_rates, (at, numbers, assumed, compiled), limit_margin, start, end, state, times,
+        loop_rates, (at, line, space, assumed, compiled), limits, start, end, state, times,
         options, work, found,
     )  # fmt: skip
+
+
+def work_space(model: SimulatedModel) -> Space:
+    """Return the work space of a right-hand side."""
+    at, parameters = model.addresses, len(model.plant.parameters)
+    sizes = (len(at.targets), parameters, at.k, at.n)
+    return Space(*(np.zeros(size) for size in sizes))
 
 
 def solver(
-    model: CartPoleModel,
+    model: SimulatedModel,
     scenario: Scenario,
     controller: Controller,
     change: ParameterChange,
     mode: str,
 ) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
-    if controller.interpreted:
-        loop = closed_loop(model, scenario, controller, change)
+    criterion = criterion_of(scenario)
+    if controller.interpreted or not scenario.is_cart_pole:
+        loop = closed_loop(model, controller, change)
         if mode == "continuous":
-            return python_rk4(loop)
-        return scipy_solver(loop, controller=controller.name)
+            return python_rk4(loop, criterion)
+        return scipy_solver(loop, controller=controller.name, criterion=criterion)
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),
         controller.assumed_parameters(*[np.nan] * 4),
     )
     integrated = step_segment if mode == "continuous" else solve_segment
+    space = work_space(model)
 
     def solve(segment: Segment, *rest: Any) -> Any:
-        numbers = segment_numbers(scenario, segment, change)
-        return integrated(
-            model.addresses, numbers, assumed, compiled, segment.start, segment.end, *rest
-        )
+        line = line_of(model, segment, change)
+        fixed = (model.addresses, line, space, assumed, compiled, criterion)
+        return integrated(*fixed, segment.start, segment.end, *rest)
 
-    return compiled_solver(solve)
+    return compiled_solver(solve, criterion)
 
 
 def closed_loop(
-    model: CartPoleModel, scenario: Scenario, controller: Controller, change: ParameterChange
+    model: SimulatedModel, controller: Controller, change: ParameterChange = PAPERS_CHANGE
 ) -> Derivative:
-    """Return the right-hand side of the same loop, called from Python; arguments as in `solver`."""
-    at, pole_mass, gravity = model.addresses, scenario.pole_mass, scenario.gravity
+    """Return the right-hand side of the same loop, called from Python, for any plant."""
+    at, space = model.addresses, work_space(model)
+    lines: dict[Segment, Line] = {}
+    low, high = model.limits.T
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> tuple[float, ...]:
-        mass, length = segment.parameters_at(time)
-        true = (mass, pole_mass, length, gravity)
-        force = controller.command(time, state[:4], np.array(controller.assumed_parameters(*true)))
-        rate = segment.half_length[1] if change.stretching else 0.0
-        result: tuple[float, ...] = forced_derivative(at, state, true, force, segment.push, rate)
-        return result
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
+        if segment not in lines:
+            lines.clear()
+            lines[segment] = line_of(model, segment, change)
+        x, rates = np.ascontiguousarray(state[: 2 * at.n]), np.empty(2 * at.n)
+        told = controller.assumed_values(segment.values_at(time))
+        command = np.atleast_1d(controller.command(time, x, told))
+        space.inputs[:] = np.clip(command, low, high)
+        forced_rates(at, lines[segment], space, time, x, rates)
+        return rates
 
     return derivative
 
 
-def transition(model: CartPoleModel, scenario: Scenario, change: ParameterChange) -> Transition:
+def transition(
+    model: SimulatedModel, scenario: Scenario, change: ParameterChange = PAPERS_CHANGE
+) -> Transition:
     """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
-
-    def enter(segment: Segment, time: float) -> None:
-        mass, length = segment.parameters_at(time)
-        write_parameters(model.addresses, mass, scenario.pole_mass, length, scenario.gravity)
+    n = model.addresses.n
 
     def arrive(
         state: NDArray[np.float64], before: Segment | None, after: Segment
     ) -> NDArray[np.float64]:
-        at, state = model.addresses, state.copy()
-        impulse = after.impulse
+        state = state.copy()
+        impulse, beside = model.generalised(np.array([after.impulse]))
+        if beside.any():
+            rule = "must name a coordinate: this input does not act on one joint"
+            raise InvalidValueError("impulse on an input", rule)
         if before is not None and change.stretching:
-            kink = after.half_length[1] - before.half_length[1]
-            impulse += scenario.pole_mass * kink * float(np.sin(state[1]))
-        if before is not None and change.keeps_momenta:
-            enter(before, before.end)
+            kink = after.lines[2][1] - before.lines[2][1]
+            impulse[0, 0] += after.lines[1][0] * kink * float(np.sin(state[1]))
+        joins = change.keeps_momenta or after.start in scenario.joins
+        if before is not None and joins:
+            model.write(before.values_at(before.end))
             kept = momenta(model, state)
-            enter(after, after.start)
-            state[2:4] = velocities(model, state, kept)
-        if impulse != 0.0:
-            enter(after, after.start)
-            state[2:4] += impulse_jump(at, *state[:4].tolist(), impulse)
+            model.write(after.values_at(after.start))
+            state[n : 2 * n] = velocities(model, state, kept)
+        if impulse.any():
+            model.write(after.values_at(after.start))
+            jump = np.empty(n)
+            write_state(model.addresses, state)
+            impulse_jump(model.addresses, impulse[0], jump)
+            state[n : 2 * n] += jump
         return state
 
     return arrive
 
 
-def momenta(model: CartPoleModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the generalised momenta of (z, phi), MuJoCo's mass matrix times the velocities."""
-    forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
-    result = np.empty(2)
-    mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[2:4])
+def _at_rest_forces(model: SimulatedModel, state: NDArray[np.float64]) -> None:
+    """Let MuJoCo compute everything at a state, without any input."""
+    at = model.addresses
+    forward(at, state, np.zeros(at.k), np.zeros(at.n), np.empty(at.n))
+
+
+def momenta(model: SimulatedModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the generalised momenta, MuJoCo's mass matrix times the velocities, shape (n,)."""
+    _at_rest_forces(model, state)
+    n = model.addresses.n
+    result = np.empty(n)
+    mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[n : 2 * n])
     return result
 
 
 def velocities(
-    model: CartPoleModel, state: NDArray[np.float64], momentum: NDArray[np.float64]
+    model: SimulatedModel, state: NDArray[np.float64], momentum: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the (z_dot, phi_dot) of generalised momenta, the inverse of `momenta`.
-
-    momentum: Momenta of (z, phi), shape (2,).
-    """
-    forward(model.addresses, *state[:4].tolist(), 0.0, 0.0)
-    result = np.empty((1, 2))
+    """Return the velocities of generalised momenta, the inverse of `momenta`, shape (n,)."""
+    _at_rest_forces(model, state)
+    result = np.empty((1, model.addresses.n))
     mujoco.mj_solveM(model.mj_model, model.mj_data, result, momentum[None])
     velocity: NDArray[np.float64] = result[0]
     return velocity
@@ -239,7 +339,7 @@ def simulate_mujoco(
     jumps: str = VELOCITIES,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> Trajectory:
-    """Simulate the MuJoCo cart-pole under the controller, its parameters changed while it runs.
+    """Simulate a plant in MuJoCo under a controller, its parameters changed while it runs.
 
     Parameters
     ----------
@@ -282,20 +382,22 @@ def simulate_mujoco(
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)
-    scenario, controller = as_scenario(scenario), as_controller(controller)
+    scenario = as_scenario(scenario)
+    controller = bound(as_controller(controller), scenario)
     if mode != "sampled":
         scenario.require_ideal()
         require_stateless(controller, f"{mode} mode")
     ticks = ticks_of(scenario, timestep, control_period)
-    model = CartPoleModel(
-        scenario.parameters_at(0.0),
+    model = SimulatedModel(
+        scenario.plant,
         timestep=ticks.timestep,
         integrator=integrator,
         edit=edit,
         imperfections=scenario.imperfections,
     )
+    model.write(scenario.values_at(0.0))
     if edit is None:  # an edit may have added what would be left out
-        model.compute_only(scenario.imperfections)
+        model.compute_only()
     change = ParameterChange(dynamics=dynamics, jumps=jumps)
     if mode == "sampled":
         if not change.is_the_papers:
@@ -308,15 +410,17 @@ def simulate_mujoco(
             integrator=integrator,
             model=model,
         )
+    if not (change.is_the_papers or scenario.is_cart_pole):
+        raise InvalidValueError("dynamics and jumps", "are of the cart-pole")
     times = time_grid(scenario, ticks.timestep)
     controller_inputs(
         scenario, controller, times
     )  # raises before the run if a gain is not positive
     settings = {"timestep": ticks.timestep, **change.describe()}
-    nodes = (NONE, NONE)  # a fixed step crosses them
+    nodes = {}  # a fixed step crosses them
     if mode == "exact":
         settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
-        nodes = controller.nodes(scenario.plants)
+        nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(
         scenario,
         solver(model, scenario, controller, change, mode),

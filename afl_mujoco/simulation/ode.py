@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, compiled_force
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
     mass_matrix,
@@ -20,6 +21,8 @@ from afl_mujoco.plant.dynamics import (
     velocity_jump,
 )
 from afl_mujoco.plant.stretching_rod import stretching_accelerations
+from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
+from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import (
     QUASI_STATIC,
@@ -36,19 +39,21 @@ from afl_mujoco.simulation.integrator import (
     RTOL,
     Derivative,
     Transition,
+    along_z,
     compiled_solver,
     integrate,
-    limit_margin,
     require_tolerances,
     scipy_solver,
     segment_numbers,
 )
 from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
+    Criterion,
     Outcome,
     Trajectory,
     assemble,
     controller_inputs,
+    criterion_of,
 )
 
 SAMPLE_PERIOD = 1e-3
@@ -66,7 +71,7 @@ def simulate_ode(
     dynamics: str = QUASI_STATIC,
     jumps: str = VELOCITIES,
 ) -> Trajectory:
-    """Simulate the paper's ideal equations, restarted at every breakpoint.
+    """Simulate the equations of a plant, by default the paper's, restarted at every breakpoint.
 
     Parameters
     ----------
@@ -94,8 +99,8 @@ def simulate_ode(
     AflMujocoError
         If a setting breaks its rule.
     """
-    change, controller = ParameterChange(dynamics=dynamics, jumps=jumps), as_controller(controller)
-    scenario = as_scenario(scenario)
+    change, scenario = ParameterChange(dynamics=dynamics, jumps=jumps), as_scenario(scenario)
+    controller = as_controller(controller)
     times, states, outcome = solve_ode(
         scenario,
         controller,
@@ -132,16 +137,21 @@ def solve_ode(
     controller_inputs(
         scenario, controller, times
     )  # raises before the run if a gain is not positive
-    if method != "DOP853" or controller.interpreted:
-        loop = closed_loop(scenario, controller, change)
-        solver = scipy_solver(loop, method, rtol, atol, controller=controller.name)
+    criterion = criterion_of(scenario)
+    if not scenario.is_cart_pole:
+        loop, arrive = plant_loop(scenario, controller, change)
+    else:
+        loop, arrive = closed_loop(scenario, controller, change), transition(scenario, change)
+    if method != "DOP853" or controller.interpreted or not scenario.is_cart_pole:
+        solver = scipy_solver(
+            loop, method, rtol, atol, controller=controller.name, criterion=criterion
+        )
     else:
         require_tolerances(method, rtol, atol)
-        solver = compiled_solver(
-            compiled_loop(scenario, controller, change), rtol, atol, longest_step
-        )
-    nodes = controller.nodes(scenario.plants)
-    states, outcome = integrate(scenario, solver, transition(scenario, change), times, nodes=nodes)
+        compiled = compiled_loop(scenario, controller, change, criterion)
+        solver = compiled_solver(compiled, criterion, rtol, atol, longest_step)
+    nodes = controller.nodes_within(scenario.spans)
+    states, outcome = integrate(scenario, solver, arrive, times, nodes=nodes)
     return times[: len(states)], states, outcome
 
 
@@ -195,16 +205,16 @@ def loop_rates(arguments, time, state, slopes):
 
 
 @borrowing_kernel
-def _solve(plant, assumed, compiled, start, end, state, times, options, work, found):
+def _solve(plant, assumed, compiled, limits, start, end, state, times, options, work, found):
     """Integrate the compiled loop over a segment."""
     return dop853.solve(
-        loop_rates, (plant, assumed, compiled), limit_margin, start, end, state, times, options,
+        loop_rates, (plant, assumed, compiled), limits, start, end, state, times, options,
         work, found,
     )  # fmt: skip
 
 
 def compiled_loop(
-    scenario: Scenario, controller: Controller, change: ParameterChange
+    scenario: Scenario, controller: Controller, change: ParameterChange, criterion: Criterion
 ) -> Callable[..., tuple[int, float, int]]:
     """Return the solver of the closed loop over a segment, as `compiled_solver` takes it."""
     compiled, assumed = (
@@ -214,7 +224,7 @@ def compiled_loop(
 
     def solve(segment: Segment, *rest: Any) -> Any:
         plant = segment_numbers(scenario, segment, change)
-        return _solve(plant, assumed, compiled, segment.start, segment.end, *rest)
+        return _solve(plant, assumed, compiled, criterion, segment.start, segment.end, *rest)
 
     return solve
 
@@ -236,22 +246,17 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
     """Return the effect of a breakpoint on the state, from the analytic mass matrix."""
 
     def parameters(segment: Segment, time: float) -> CartPoleParameters:
-        mass, length = segment.parameters_at(time)
-        return CartPoleParameters(
-            cart_mass=mass,
-            pole_mass=scenario.pole_mass,
-            half_length=length,
-            gravity=scenario.gravity,
-        )
+        values = segment.values_at(time).tolist()
+        return CartPoleParameters(**dict(zip(scenario.schedule, values, strict=True)))
 
     def arrive(
         state: NDArray[np.float64], before: Segment | None, after: Segment
     ) -> NDArray[np.float64]:
         p = parameters(after, after.start)
-        impulse = after.impulse
+        impulse = along_z(after.impulse)
         state = state.copy()
         if before is not None and change.stretching:
-            kink = after.half_length[1] - before.half_length[1]
+            kink = after.lines[2][1] - before.lines[2][1]
             impulse += scenario.pole_mass * kink * float(np.sin(state[1]))
         if before is not None and change.keeps_momenta:
             kept = mass_matrix(state, parameters(before, before.end)) @ state[2:4]
@@ -261,3 +266,81 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
         return state
 
     return arrive
+
+
+def plant_loop(
+    scenario: Scenario, controller: Controller, change: ParameterChange
+) -> tuple[Derivative, Transition]:
+    """Return the loop of any plant's own equations and its controller, called from Python."""
+    plant = scenario.plant
+    n, k = len(plant.coordinates), len(plant.inputs)
+    require_equations(scenario, change)
+    low, high = plant.limits.T
+    equations = load_equations(plant, _points(scenario))
+    size = n * (n + 1 + k) if plant.terms else n
+
+    def terms(q: NDArray[np.float64], v: NDArray[np.float64], p: NDArray[np.float64]) -> Any:
+        found = np.empty(size)
+        equations.fill(q, v, np.zeros(k), p, found)
+        return split(plant, found[None])
+
+    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
+        p, x = segment.values_at(time), np.ascontiguousarray(state[: 2 * n])
+        u = np.atleast_1d(controller.command(time, x, controller.assumed_values(p)))
+        if not (np.abs(u) < STATE_LIMIT).all():
+            return np.full(2 * n, np.nan)
+        push = np.array(segment.push)
+        u = np.clip(u, low, high) + push[:k]
+        found = np.empty(size)
+        equations.fill(x[:n], x[n:], u, p, found)
+        if plant.terms:
+            mass, bias, inputs = split(plant, found[None])
+            found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
+        return np.concatenate([x[n:], found])
+
+    def arrive(
+        state: NDArray[np.float64], before: Segment | None, after: Segment
+    ) -> NDArray[np.float64]:
+        impulse, state = np.array(after.impulse), state.copy()
+        joins = before is not None and after.start in scenario.joins
+        if not (joins or impulse.any()):
+            return state
+        mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), after.values_at(after.start))
+        if joins and before is not None:  # M v stays, as M changes
+            old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
+            state[n:] = np.linalg.solve(mass[0], old[0] @ state[n:])
+        state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
+        return state
+
+    return derivative, arrive
+
+
+def require_equations(scenario: Scenario, change: ParameterChange | None = None) -> None:
+    """Raise unless the equations of a plant can say what happens in a scenario."""
+    plant = scenario.plant
+    if plant.terms is None and plant.accelerations is None:
+        rule = "must have accelerations or terms, its equations, to be integrated"
+        raise InvalidValueError(f"plant {plant.name!r}", rule)
+    if change is not None and not change.is_the_papers:
+        rule = "are of the cart-pole: another plant says them for each parameter"
+        raise InvalidValueError("dynamics and jumps", rule)
+    along = any(one.coordinate or isinstance(one, Impulse) for one in scenario.disturbances)
+    if (along or scenario.joins) and plant.terms is None:
+        rule = "needs equations as terms: accelerations do not say what momenta do"
+        thing = "a force along a coordinate, an impulse, or a mass that joins at rest"
+        raise InvalidValueError(thing, rule)
+
+
+def _points(scenario: Scenario) -> Points:
+    """Return random states, inputs and parameters of a scenario, as `load_equations` takes them."""
+    plant = scenario.plant
+    n, k = len(plant.coordinates), len(plant.inputs)
+    rng = np.random.default_rng(0)
+    low, high = np.array([*scenario.spans.values()]).reshape(-1, 2).T
+    about = np.array(scenario.target)
+    return Points(
+        q=about + rng.uniform(-0.5, 0.5, (POINTS, n)),
+        v=rng.uniform(-1.0, 1.0, (POINTS, n)),
+        u=rng.uniform(-1.0, 1.0, (POINTS, k)),
+        p=rng.uniform(low, high, (POINTS, len(low))),
+    )

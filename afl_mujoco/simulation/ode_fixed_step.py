@@ -24,11 +24,10 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.sampling import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.integrator import WORK, rk4_step, segment_numbers
+from afl_mujoco.simulation.integrator import along_z, rk4_step, segment_numbers, work_space
 from afl_mujoco.simulation.ode import compiled_command, plant_at, write_rates
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
-    FALL_ANGLE,
     FELL,
     OUTCOMES,
     STATE_LIMIT,
@@ -36,7 +35,9 @@ from afl_mujoco.simulation.trajectory import (
     Trajectory,
     assemble,
     controller_inputs,
+    criterion_of,
     ending_of,
+    has_ended,
     within_limits,
 )
 
@@ -163,10 +164,11 @@ def _run(
     controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
     count = len(impulse)
     ticks = _starts(fine, times)[:-1:hold] if hold else np.arange(count)
-    states, forces, work = np.empty((count + 1, 4)), np.zeros(count + 1), np.empty(WORK)
+    states, forces, work = np.empty((count + 1, 4)), np.zeros(count + 1), work_space(4)
     states[0] = scenario.initial_state
-    status, last = _arrive(states, 0, impulse, numbers, fine), 0
-    profile = (numbers, told, impulse, fine, states, forces, work)
+    limits = criterion_of(scenario)
+    status, last = _arrive(states, 0, impulse, numbers, fine, limits), 0
+    profile = (numbers, told, impulse, fine, states, forces, work, limits)
     if controller.interpreted or controller.stateful:
         own = controller.start()
 
@@ -209,7 +211,7 @@ def _numbers(
     table = np.array([segment_numbers(scenario, segment, _PAPER) for segment in segments])
     told = table[np.searchsorted(starts, fine[:-1], side="right") - 1]
     numbers, impulse = told.copy(), np.zeros(len(told))
-    impulse[np.searchsorted(fine, starts)] = [segment.impulse for segment in segments]
+    impulse[np.searchsorted(fine, starts)] = [along_z(segment.impulse) for segment in segments]
     start_of = _starts(fine, times)
     step_of = np.searchsorted(start_of, np.arange(len(impulse)), side="right") - 1
     step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
@@ -220,7 +222,8 @@ def _numbers(
             held = inside[:, value] + inside[:, value + 1] * (middles - inside[:, 0])
             numbers[:, value], numbers[:, value + 1] = held[step_of], 0.0
     if holds.disturbance:
-        numbers[:, 7] = held_disturbances(scenario, fine[start_of]).push[step_of]
+        push = held_disturbances(scenario, fine[start_of]).push
+        numbers[:, 7] = push[step_of, 0] + push[step_of, 1]
     return numbers, told, impulse
 
 
@@ -259,7 +262,8 @@ def _held(force, told, time, state):
 
 @register_jitable
 def _advance(
-    rates, command, control, numbers, told, impulse, times, states, forces, work, first, until
+    rates, command, control, numbers, told, impulse, times, states, forces, work, limits,
+    first, until,
 ):  # fmt: skip
     """Step from an instant to another; return where it ended, and how."""
     for k in range(first, until):
@@ -267,27 +271,41 @@ def _advance(
         force = command(control, believed, times[k], states[k])
         forces[k] = forces[k + 1] = force
         if not abs(force) < STATE_LIMIT:
-            return k, ending_of(states[k])
+            return k, ending_of(limits, states[k])
         arguments, step = (row_of(numbers, k), believed, control), times[k + 1] - times[k]
         rk4_step(rates, arguments, times[k], step, states[k], work, states[k + 1])
         if not within_limits(states[k + 1]):
-            return k, ending_of(states[k])
-        status = _arrive(states, k + 1, impulse, numbers, times)
+            return k, ending_of(limits, states[k])
+        status = _arrive(states, k + 1, impulse, numbers, times, limits)
         if status != _RUNNING:
             return k + 1, status
     return until, _RUNNING
 
 
 @borrowing_kernel
-def _hold(numbers, told, impulse, times, states, forces, work, first, until, force):
+def _hold(numbers, told, impulse, times, states, forces, work, limits, first, until, force):
     """Step from an instant to another under one force; return where it ended, and how."""
     return _advance(
-        held_rates, _held, force, numbers, told, impulse, times, states, forces, work, first, until
+        held_rates,
+        _held,
+        force,
+        numbers,
+        told,
+        impulse,
+        times,
+        states,
+        forces,
+        work,
+        limits,
+        first,
+        until,
     )
 
 
 @borrowing_kernel
-def _run_held(update, assumed, compiled, numbers, told, impulse, times, states, forces, work):
+def _run_held(
+    update, assumed, compiled, numbers, told, impulse, times, states, forces, work, limits
+):
     """Run a compiled controller to the end, its force held from each update to the next."""
     first, status = 0, _RUNNING
     while status == _RUNNING:
@@ -297,24 +315,26 @@ def _run_held(update, assumed, compiled, numbers, told, impulse, times, states, 
         while until < len(update) and not update[until]:
             until += 1
         first, status = _hold(
-            numbers, told, impulse, times, states, forces, work, first, until, force
+            numbers, told, impulse, times, states, forces, work, limits, first, until, force
         )
     return first, status
 
 
 @borrowing_kernel
-def _run_followed(update, assumed, compiled, numbers, told, impulse, times, states, forces, work):
+def _run_followed(
+    update, assumed, compiled, numbers, told, impulse, times, states, forces, work, limits
+):
     """Run a compiled controller to the end, its force evaluated in every stage."""
     return _advance(
         _followed_rates, _command, (assumed, compiled), numbers, told, impulse, times, states,
-        forces, work, 0, len(update),
+        forces, work, limits, 0, len(update),
     )  # fmt: skip
 
 
 @borrowing_kernel
-def _arrive(states, k, impulse, numbers, times):
+def _arrive(states, k, impulse, numbers, times, limits):
     """Reach instant k, apply the impulse there, and return the status."""
-    if abs(states[k, 1]) >= FALL_ANGLE:
+    if has_ended(limits, states[k]):
         return _FELL
     if k == len(impulse):
         return _COMPLETED

@@ -1,4 +1,4 @@
-"""The cart-pole as a dm_control environment: `load`, the task, and the controller as an agent."""
+"""A scenario as a dm_control environment: `load`, the task, and the controller as an agent."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import fine_enough, ticks_of
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout
 from afl_mujoco.values import require_finite, require_positive
 
 choose_backend()
@@ -43,11 +44,10 @@ FORCE_MARGIN = 100.0
 _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
 OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
-"""Whether the observation has M and l."""
+"""Whether the observation has the parameters that may change."""
 
-DAMPING = ("damping.z", "damping.phi")
-LIGHTER = ("armature.z", "armature.phi", "tip_mass_share", "pole_radius")
-"""Imperfections that slow a joint the faster the larger, and the smaller, they are."""
+DAMPING, LIGHTER = ("damping.",), ("armature.", "tip_mass_share", "pole_radius")
+"""What slows a joint the faster the larger, and the smaller, it is: beginnings of imperfections."""
 
 SAMPLES = 2**31 - 1
 """Number of samples from which episodes are drawn."""
@@ -57,7 +57,7 @@ ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
 
 
 def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
-    """Return the reward of `Balance`, smooth and within (0, 1].
+    """Return the reward of `Balance` on the cart-pole, smooth and within (0, 1].
 
     With ``near(x, margin)``, which is 1 at 0 and 0.1 at the margin, from
     `dm_control.utils.rewards.tolerance` with its long tail, the reward is ``near(phi, PHI_MARGIN) *
@@ -74,26 +74,61 @@ def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     return upright * (1.0 + centred) / 2.0 * (4.0 + easy) / 5.0
 
 
-class Balance(control.Task):  # type: ignore[misc]
-    """Balance the pole and bring the cart to z = 0; an episode ends when the pole falls.
+def nearness(away: ArrayLike, bands: ArrayLike) -> Any:
+    """Return the reward of `Balance` on any other plant: the mean of ``1 / (1 + (x / band)^2)``.
 
-    The observation is ``position`` (z, phi) [m, rad], ``velocity`` (z_dot, phi_dot) [m/s, rad/s],
-    as the sensors measure them, and (M, l) [kg, m], each at the instant of the observation, after
-    any jump there. The action is the commanded force [N], clipped to the limit and held until the
-    next. The discount is 0 if the pole has fallen, 1 mrad short of a right angle, or the state
-    diverges.
+    It is 1 where every coordinate is on its target, and a coordinate at the edge of its band
+    counts half.
+
+    away, bands: Deviations x of the coordinates from their targets, and their bands, shapes (...,
+        n) and (n,).
+    """
+    return (1.0 / (1.0 + (np.asarray(away) / bands) ** 2)).mean(axis=-1)
+
+
+class Reward:
+    """What an instant of a scenario is worth, and where an episode ends, for one state or many."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        names = scenario.plant.coordinates
+        self._layout, self._is_cart_pole = Layout.of(scenario), scenario.is_cart_pole
+        self._bands = np.array([scenario.band(name) for name in names])
+        self._ends = np.array([scenario.ends_at.get(name, math.inf) for name in names])
+
+    def of(self, states: NDArray[np.float64], inputs: NDArray[np.float64]) -> Any:
+        """Return the reward of finite states under inputs, shapes (N, 2 n) and (N, k)."""
+        if self._is_cart_pole:
+            return reward(states[:, 0], states[:, 1], inputs[:, 0])
+        return nearness(self._layout.away(states)[:, : len(self._bands)], self._bands)
+
+    def ended(self, states: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return whether a coordinate is, or has turned, as far from its target as ends a run."""
+        away = np.abs(states[:, : len(self._ends)] - self._layout.target)
+        return np.asarray((away >= self._ends).any(axis=1))
+
+
+class Balance(control.Task):  # type: ignore[misc]
+    """Bring the coordinates to their targets, of the cart-pole upright and to z = 0.
+
+    The observation is ``position`` and ``velocity``, of the cart-pole (z, phi) [m, rad] and (z_dot,
+    phi_dot) [m/s, rad/s], as the sensors measure them, and ``parameters``, of the cart-pole (M, l)
+    [kg, m], of another plant all, each at the instant of the observation, after any jump there. The
+    action is the commanded force [N] of each input, clipped to the limits and held until the next.
+    The reward is `reward` on the cart-pole, else `nearness`. The discount is 0 if a coordinate is
+    as far from its target as ends a run (the pole has fallen, 1 mrad short of a right angle), or
+    the state diverges.
 
     Parameters
     ----------
     force_limit
-        Largest force [N], below 1e6.
+        Largest force [N], below 1e6; an input whose limits in the MJCF are closer keeps those.
     initial_noise
-        Half-width of the uniform perturbation of phi(0) [rad].
+        Half-width of the uniform perturbation of each angle at t = 0 [rad].
     random
         Seed or `numpy.random.RandomState` of that perturbation, and of the scenarios drawn.
     parameters
-        ``"observed"``: the observation has ``parameters``, the (M, l) that a controller assumes;
-        ``"privileged"``: it has ``privileged``, the true (M, l), for a critic or a teacher;
+        ``"observed"``: the observation has ``parameters``, as a controller assumes them;
+        ``"privileged"``: it has ``privileged``, the true ones, for a critic or a teacher;
         ``"hidden"``: it has neither.
     space
         The space from which the scenario of every episode is drawn; None for always the same.
@@ -137,9 +172,10 @@ class Balance(control.Task):  # type: ignore[misc]
         scenario, start = self.draw(physics.scenario)
         if self._space is not None:
             physics.follow(scenario)
+        self._reward = Reward(scenario)
         physics.begin(start)
 
-    def draw(self, scenario: Scenario) -> tuple[Scenario, tuple[float, float, float, float]]:
+    def draw(self, scenario: Scenario) -> tuple[Scenario, tuple[float, ...]]:
         """Return the scenario of an episode, and where it starts.
 
         Parameters
@@ -149,27 +185,35 @@ class Balance(control.Task):  # type: ignore[misc]
         """
         if self._space is not None:
             scenario = sample_scenario(self._space, int(self._random.randint(SAMPLES)), 0)
-        z, phi, z_dot, phi_dot = scenario.initial_state
+        state = [*scenario.initial_state]
         if self._noise > 0.0:
-            phi += self._random.uniform(-self._noise, self._noise)
-        return scenario, (z, phi, z_dot, phi_dot)
+            for i, name in enumerate(scenario.plant.coordinates):
+                if scenario.plant.units[name] == "rad":
+                    state[i] += self._random.uniform(-self._noise, self._noise)
+        return scenario, tuple(state)
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
-        """Return the bounds of the force [N]."""
-        return specs.BoundedArray((1,), np.float64, -self._limit, self._limit, name="force [N]")
+        """Return the bounds of the inputs [N, N m]."""
+        plant = physics.scenario.plant
+        low, high = np.clip(physics.limits, -self._limit, self._limit).T
+        units = [f" [{plant.units[name]}]" if plant.units[name] else "" for name in plant.inputs]
+        words = ", ".join(map("".join, zip(plant.inputs, units, strict=True)))
+        return specs.BoundedArray((len(low),), np.float64, low, high, name=words)
 
     def before_step(self, action: ArrayLike, physics: Physics) -> None:
         """Hold the clipped action over the next physics steps; refuse one that is not finite."""
-        values = np.asarray(action, dtype=np.float64)
-        if values.shape != (1,):
-            raise InvalidValueError("action", "must have shape (1,)", values.shape)
-        force = require_finite("action", values[0])
-        physics.data.ptr.ctrl[0] = min(max(force, -self._limit), self._limit)
+        values, control = np.asarray(action, dtype=np.float64), physics.data.ptr.ctrl
+        if values.shape != control.shape:
+            raise InvalidValueError("action", f"must have shape {control.shape}", values.shape)
+        for i, (low, high) in enumerate(physics.limits.tolist()):
+            force = require_finite("action", values[i])
+            control[i] = min(max(force, -self._limit, low), self._limit, high)
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, NDArray[np.float64]]:
         """Return position, velocity and, if so configured, parameters at this instant."""
         measured = physics.measured()
-        observation = OrderedDict(position=measured[:2], velocity=measured[2:])
+        n = len(measured) // 2
+        observation = OrderedDict(position=measured[:n], velocity=measured[n:])
         if self._parameters == OBSERVED:
             observation["parameters"] = physics.told_parameters()
         elif self._parameters == PRIVILEGED:
@@ -177,16 +221,16 @@ class Balance(control.Task):  # type: ignore[misc]
         return observation
 
     def get_reward(self, physics: Physics) -> float:
-        """Return `reward` after the step, 0 if the state has diverged."""
+        """Return the reward after the step, 0 if the state has diverged."""
         if physics.diverged():
             return 0.0
-        z, phi = physics.data.ptr.qpos
-        return float(reward(z, phi, physics.data.ptr.ctrl[0]))
+        found = self._reward.of(physics.true_state()[None], physics.data.ptr.ctrl[None])
+        return float(found[0])
 
     def get_termination(self, physics: Physics) -> float | None:
-        """Return discount 0 if the pole has fallen or the state has diverged."""
-        fallen = abs(physics.data.ptr.qpos[1]) >= FALL_ANGLE
-        return 0.0 if fallen or physics.diverged() else None
+        """Return discount 0 if a run ends here, of the cart-pole fallen, or has diverged."""
+        ended = self._reward.ended(physics.true_state()[None])[0]
+        return 0.0 if ended or physics.diverged() else None
 
 
 def _random_state(random: Any) -> np.random.RandomState:
@@ -230,7 +274,8 @@ def load(
         As in `Balance`.
     randomize
         Whether to draw each episode's scenario from the scenario's ``[ranges]``; one without them
-        gets a random start and random laboratory hardware, as in `with_ranges`.
+        gets a random start and random laboratory hardware, as in `with_ranges`, if its plant is
+        the cart-pole.
     environment_kwargs
         ``flat_observation`` or ``time_limit`` [s], which is the scenario's duration by default;
         beyond the duration the plant keeps its last parameters.
@@ -256,12 +301,8 @@ def load(
         parameters=parameters,
         space=space,
     )
-    leans = (scenario.initial_state[1], scenario.initial_state[1])
-    leans = leans if space is None else space.varied.get("phi", leans)
-    if (initial_noise > 0.0 or randomize) and max(map(abs, leans)) + initial_noise >= FALL_ANGLE:
-        raise InvalidValueError(
-            "initial_noise", "must not let the pole start fallen", initial_noise
-        )
+    if initial_noise > 0.0 or randomize:
+        _require_started(scenario, space, initial_noise)
     # Half a step early, so that round-off in the division by the period cannot add a period.
     settings = {
         "time_limit": scenario.duration - 0.5 * ticks.timestep,
@@ -276,18 +317,32 @@ def load(
     return control.Environment(physics, task, n_sub_steps=ticks.hold, legacy_step=False, **settings)
 
 
+def _require_started(scenario: Scenario, space: SampleSpace | None, noise: float) -> None:
+    """Raise if an angle could start where a run ends."""
+    plant = scenario.plant
+    starts = zip(plant.coordinates, scenario.initial_state, scenario.target, strict=False)
+    for name, start, target in starts:
+        if plant.units[name] == "rad" and name in scenario.ends_at:
+            ends = (start, start) if space is None else space.varied.get(name, (start, start))
+            if max(abs(x - target) for x in ends) + noise >= scenario.ends_at[name]:
+                what = "the pole" if scenario.is_cart_pole else name
+                rule = f"must not let {what} start fallen"
+                raise InvalidValueError("initial_noise", rule, noise)
+
+
 def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:
-    """Return the fastest `CartPoleModel.decay_rate` of the scenarios of any episode [1/s]."""
-    hardware, plants = scenario.imperfections, scenario.plants
+    """Return the fastest `SimulatedModel.decay_rate` of the scenarios of any episode [1/s]."""
+    hardware, spans = scenario.imperfections, scenario.spans
     if space is not None:
-        passive = {n: space.varied[n] for n in (*DAMPING, *LIGHTER) if n in space.varied}
-        ends: dict[str, Any] = {n: bounds[n in DAMPING] for n, bounds in passive.items()}
-        hardware = hardware.changed(ends)
-        masses, lengths = space.bounds("cart_mass"), space.bounds("half_length")
-        plants = plants._replace(cart_mass=masses, half_length=lengths)
-    parameters = scenario.parameters_at(0.0)
-    model = CartPoleModel(parameters, integrator=integrator, imperfections=hardware)
-    return model.decay_rate(plants)
+        fastest = {
+            name: bounds[name.startswith(DAMPING)]
+            for name, bounds in space.varied.items()
+            if name.startswith((*DAMPING, *LIGHTER))
+        }
+        hardware = hardware.changed(fastest)
+        spans = {name: space.bounds(name) for name in spans}
+    model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=hardware)
+    return model.decay_rate(spans)
 
 
 def controller_policy(
@@ -302,7 +357,10 @@ def controller_policy(
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
+    controller, plant = bound(controller, scenario), scenario.plant
     period, tick, own = control_period or 0.0, 0, controller.start()
+    told = scenario.told_values(np.zeros(1))
+    columns = [[*plant.parameters].index(name) for name in scheduled(plant)]
 
     def policy(time_step: TimeStep) -> NDArray[np.float64]:
         nonlocal tick, own
@@ -313,12 +371,8 @@ def controller_policy(
         for name in ("position", "velocity", "parameters"):
             if name not in seen:
                 raise InvalidValueError("observation", f"must hold {name!r}", ", ".join(seen))
-        cart_mass, half_length = seen["parameters"].tolist()
-        pole_mass, gravity = scenario.told_constants
-        truth = CartPoleParameters(
-            cart_mass=cart_mass, pole_mass=pole_mass, half_length=half_length, gravity=gravity
-        )
+        told[0, columns] = seen["parameters"]
         state = np.concatenate([seen["position"], seen["velocity"]])
-        return np.array([own.force(state, truth, tick * period)])
+        return np.atleast_1d(own.command(tick * period, state, own.assumed_values(told[0])))
 
     return policy

@@ -7,27 +7,29 @@ import html
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import inlined_kernel, kernel
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, printable, reading
-from afl_mujoco.files import atomic_file, read_arrays
+from afl_mujoco.files import array_names, atomic_file, read_arrays
+from afl_mujoco.loading import told_of
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole import FALL_ANGLE as FALL_ANGLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
 from afl_mujoco.scenario.sampling import instants
 from afl_mujoco.scenario.scenario import Scenario
-
-FALL_ANGLE = 0.5 * math.pi - 1e-3
-"""A run ends as fallen when ``|phi|`` reaches this [rad]: the controller is singular at pi/2."""
 
 TIPPED = 1.4
 """A run that cannot go on fell if ``|phi|`` had reached this [rad], where the force diverges."""
@@ -40,7 +42,6 @@ OUTCOMES = (COMPLETED, FELL, DIVERGED)
 """The ways a run can end, by the status code of the compiled loops."""
 
 _PACKAGES = ("afl_mujoco", "mujoco", "numpy", "scipy", "numba")
-_ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +64,48 @@ class Outcome:
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layout:
+    """What the columns of a run are called, and where its coordinates should be."""
+
+    coordinates: tuple[str, ...] = ("z", "phi")
+    inputs: tuple[str, ...] = ("force",)
+    units: Mapping[str, str] = field(default_factory=lambda: dict(CART_POLE.units))
+    target: tuple[float, ...] = (0.0, 0.0)
+    wraps: tuple[str, ...] = ("phi",)
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Layout:
+        """Return the layout of the runs of a scenario."""
+        plant = scenario.plant
+        return cls(
+            coordinates=tuple(plant.coordinates),
+            inputs=tuple(plant.inputs),
+            units=dict(plant.units),
+            target=scenario.target,
+            wraps=tuple(plant.wraps),
+        )
+
+    @property
+    def states(self) -> tuple[str, ...]:
+        """Names of the state: the coordinates, then their rates."""
+        return (*self.coordinates, *(f"{name}_dot" for name in self.coordinates))
+
+    def away(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return states as deviations of their coordinates from the target, shape (N, 2 n)."""
+        found = states.copy()
+        for i, (name, target) in enumerate(zip(self.coordinates, self.target, strict=True)):
+            found[:, i] -= target
+            if name in self.wraps:
+                turns = np.rint(found[:, i] / (2.0 * math.pi))
+                found[:, i] -= np.where(turns == 0.0, 0.0, 2.0 * math.pi * turns)
+        return found
+
+
+LAYOUT = Layout()
+"""That of the cart-pole."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Trajectory:
     """A simulated run.
@@ -72,47 +115,91 @@ class Trajectory:
     time
         Instants [s], shape (N,), increasing.
     state
-        (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (N, 4).
-    force
-        Force that is exerted on the cart from each instant on [N], shape (N,): the command, after
-        limit, delay, slew limit and lag of the drive.
+        Coordinates and rates; of the cart-pole (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape
+        (N, 2 n).
+    input
+        What the drives exert from each instant on [N], shape (N,), or (N, k) of several inputs: the
+        command, after limit, delay, slew limit and lag of a drive. Of the cart-pole also `force`.
     command
-        Force that the controller asks for [N], shape (N,); equal to `force` by default.
-    cart_mass, half_length
-        True M [kg] and l [m], shape (N,), after the jump where there is one.
+        What the controller asks for [N], in the shape of `input`, and equal to it by default.
+    parameters
+        True parameters of the plant by name, each of shape (N,), after a jump where there is one.
+        Those of the cart-pole are attributes too, `cart_mass` [kg] and `half_length` [m].
+    signals
+        The signals of the plant by name, each of shape (N,).
     outcome
         How the run ended; one that fell or diverged stops before the horizon.
     provenance
         Scenario, controller, simulator, settings and versions, as plain data.
     effort
-        Metrics of command and force that the arrays do not show, because the force changes within a
-        step; none where it does not.
+        Metrics of commands and inputs that the arrays do not show, because inputs change within a
+        step; none where they do not.
+    layout
+        Names, units and targets of the columns.
     """
 
     time: NDArray[np.float64]
     state: NDArray[np.float64]
-    force: NDArray[np.float64]
-    cart_mass: NDArray[np.float64]
-    half_length: NDArray[np.float64]
+    input: NDArray[np.float64]
+    parameters: Mapping[str, NDArray[np.float64]]
     outcome: Outcome
+    signals: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
     command: NDArray[np.float64] = None  # type: ignore[assignment]
     effort: Mapping[str, float] = field(default_factory=dict)
+    layout: Layout = field(default_factory=Layout)
 
     def __post_init__(self) -> None:
         """Check the shapes and freeze the arrays."""
-        count = len(self.time)
+        count, k = len(self.time), len(self.layout.inputs)
         if self.command is None:
-            object.__setattr__(self, "command", self.force)
+            object.__setattr__(self, "command", self.input)
         object.__setattr__(self, "effort", MappingProxyType(dict(self.effort)))
-        for name in _ARRAYS:
-            array = np.array(getattr(self, name), dtype=np.float64)
-            shape = (count, 4) if name == "state" else (count,)
-            if array.shape != shape:
-                raise InvalidValueError(name, f"must have shape {shape}", array.shape)
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        shapes: dict[str, tuple[int, ...]] = {"time": (count,)}
+        shapes["state"] = (count, len(self.layout.states))
+        shapes["input"] = shapes["command"] = (count,) if k == 1 else (count, k)
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, _frozen(name, getattr(self, name), shape))
+        for name in ("parameters", "signals"):
+            table = {key: _frozen(key, x, (count,)) for key, x in getattr(self, name).items()}
+            object.__setattr__(self, name, MappingProxyType(table))
         object.__setattr__(self, "provenance", MappingProxyType(dict(self.provenance)))
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """The force on the cart [N], shape (N,); of another plant, its inputs."""
+        return self.input
+
+    @property
+    def cart_mass(self) -> NDArray[np.float64]:
+        """The cart's true mass M [kg], shape (N,)."""
+        return self._of_cart_pole("cart_mass")
+
+    @property
+    def half_length(self) -> NDArray[np.float64]:
+        """The pole's true half-length l [m], shape (N,)."""
+        return self._of_cart_pole("half_length")
+
+    def _of_cart_pole(self, name: str) -> NDArray[np.float64]:
+        if name not in self.parameters:
+            known = ", ".join(self.parameters) or "none"
+            raise AttributeError(f"this plant has no parameter {name}; parameters: {known}")
+        return self.parameters[name]
+
+    @property
+    def inputs(self) -> NDArray[np.float64]:
+        """What the drives exert, shape (N, k) also of one input."""
+        return self.input.reshape(len(self.time), -1)
+
+    @property
+    def commands(self) -> NDArray[np.float64]:
+        """What the controller asks for, shape (N, k) also of one input."""
+        return self.command.reshape(len(self.time), -1)
+
+    @property
+    def away(self) -> NDArray[np.float64]:
+        """States, their coordinates as deviations from the target, shape (N, 2 n)."""
+        return self.layout.away(self.state)
 
     @property
     def simulator(self) -> str:
@@ -136,13 +223,13 @@ class Trajectory:
         return metrics_of(self)
 
     def plot(self) -> Any:
-        """Draw states, force, M and l over time; return the matplotlib figure."""
+        """Draw states, inputs and parameters over time; return the matplotlib figure."""
         from afl_mujoco.simulation.figures import draw_runs
 
         return draw_runs([self], self._title)
 
     def to_pandas(self) -> Any:
-        """Return states, force, command, M and l as a pandas DataFrame, its index the time [s].
+        """Return states, inputs, commands and parameters as a pandas DataFrame, its index time [s].
 
         Raises
         ------
@@ -153,8 +240,12 @@ class Trajectory:
             pandas = import_module("pandas")
         except ImportError:
             raise InvalidValueError("pandas", "must be installed: pip install pandas") from None
-        columns = dict(zip(("z", "phi", "z_dot", "phi_dot"), self.state.T, strict=True))
-        columns |= {name: getattr(self, name) for name in _ARRAYS[2:]}
+        columns = dict(zip(self.layout.states, self.state.T, strict=True))
+        columns |= dict(zip(self.layout.inputs, self.inputs.T, strict=True))
+        single = len(self.layout.inputs) == 1
+        names = ["command"] if single else [f"{name}_command" for name in self.layout.inputs]
+        columns |= dict(zip(names, self.commands.T, strict=True))
+        columns |= {**self.parameters, **self.signals}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
     @property
@@ -170,13 +261,13 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """Return HTML for a notebook: how the run ended, and its figures in a table."""
-        from afl_mujoco.simulation.metrics import LABELS, unit_of
+        from afl_mujoco.simulation.metrics import label_of, unit_of
 
         heads = ("metric", "value", "unit", "key of <code>metrics</code>")
         head = "".join(f"<th>{one}</th>" for one in heads)
         rows = f"<tr>{head}</tr>" + "".join(
-            f"<tr><td>{LABELS[name]}</td><td>{'–' if value is None else f'{value:.5g}'}</td>"
-            f"<td>{unit_of(name)}</td><td><code>{name}</code></td></tr>"
+            f"<tr><td>{label_of(name)}</td><td>{'–' if value is None else f'{value:.5g}'}</td>"
+            f"<td>{unit_of(name, self.layout)}</td><td><code>{name}</code></td></tr>"
             for name, value in self.metrics.items()
         )
         title = html.escape(f"{self._title}: {self.outcome}")
@@ -199,8 +290,11 @@ class Trajectory:
             "outcome": [self.outcome.kind, self.outcome.time],
             "provenance": dict(self.provenance),
             "effort": dict(self.effort),
+            "layout": asdict(self.layout),
         }
         arrays = {name: getattr(self, name) for name in _ARRAYS}
+        for kind in ("parameters", "signals"):
+            arrays |= {f"{kind}.{name}": x for name, x in getattr(self, kind).items()}
         with atomic_file(Path(path)) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **arrays, meta=np.array(json.dumps(meta)))
 
@@ -219,41 +313,129 @@ class Trajectory:
             If the file cannot be read or is not a saved run.
         """
         with reading(path, "is not a saved trajectory"):
-            arrays: dict[str, Any] = dict(read_arrays(Path(path), ("meta", *_ARRAYS)))
+            tables: dict[str, dict[str, Any]] = {"parameters": {}, "signals": {}}
+            named = [x for x in array_names(Path(path)) if x.partition(".")[0] in tables]
+            wanted = ("meta", *_ARRAYS, *named)
+            arrays: dict[str, Any] = dict(read_arrays(Path(path), wanted))
             meta = json.loads(str(arrays.pop("meta")))
             kind, time = meta["outcome"]
             known = {name: meta[name] for name in ("provenance", "effort")}
-            return cls(**arrays, outcome=Outcome(kind, float(time)), **known)
+            for key in named:
+                table, _, name = key.partition(".")
+                tables[table][name] = arrays.pop(key)
+            lists: dict[str, Any] = {
+                key: tuple(x) if isinstance(x, list) else x for key, x in meta["layout"].items()
+            }
+            whole: dict[str, Any] = {**arrays, **tables, **known}
+            return cls(**whole, outcome=Outcome(kind, float(time)), layout=Layout(**lists))
 
 
-@kernel
+_ARRAYS = ("time", "state", "input", "command")
+
+
+def _frozen(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return values as an array that cannot be written, or raise unless they have a shape."""
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise InvalidValueError(name, f"must have shape {shape}", array.shape)
+    array.flags.writeable = False
+    return array
+
+
+@register_jitable
+def deviation(x, target, wraps):
+    """Return how far a coordinate is from its target, modulo 2 pi where it wraps."""
+    away = x - target
+    if wraps and abs(away) > math.pi:
+        away -= 2.0 * math.pi * np.rint(away / (2.0 * math.pi))
+    return away
+
+
+@inlined_kernel
 def within_limits(state):
     """Return whether a state is finite and below `STATE_LIMIT`."""
-    for i in range(4):
+    for i in range(len(state)):
         if not abs(state[i]) < STATE_LIMIT:
             return False
     return True
 
 
+class Criterion(NamedTuple):
+    """When a run ends before its horizon, and when it counts as settled."""
+
+    target: NDArray[np.float64]  # where the coordinates should be, shape (n,)
+    wraps: NDArray[np.bool_]  # whether a deviation from it is taken modulo 2 pi, shape (n,)
+    ends: NDArray[np.float64]  # deviations that end a run as fallen, inf for none, shape (n,)
+    tipped: NDArray[np.float64]  # beyond these, a run that cannot go on fell, shape (n,)
+    stops: NDArray[np.float64]  # end stops to either side of 0, inf for none, shape (n,)
+    bands: NDArray[np.float64]  # deviations and rates within which a run is settled, shape (2n,)
+    dwell: int = 0  # the run ends as settled after this many steps within the bands; 0 for never
+
+
+def criterion_of(scenario: Scenario, dwell: int = 0) -> Criterion:
+    """Return when a run of a scenario ends, and when it counts as settled."""
+    plant, names = scenario.plant, scenario.plant.coordinates
+    ends = [scenario.ends_at.get(name, math.inf) for name in names]
+    stops = [scenario.imperfections.at(f"end_stops.{name}") for name in names]
+    bands = [scenario.band(name) for name in names] + [math.inf] * len(names)
+    return Criterion(
+        target=np.array(scenario.target),
+        wraps=np.array([name in plant.wraps for name in names]),
+        ends=np.array(ends),
+        tipped=TIPPED / FALL_ANGLE * np.array(ends),
+        stops=np.array([math.inf if stop is None else stop for stop in stops]),
+        bands=np.array(bands),
+        dwell=dwell,
+    )
+
+
 @kernel
-def ending_of(state):
+def ending_of(criterion, state):
     """Return how a run that cannot continue from `state` has ended, an index into `OUTCOMES`."""
-    return 1 if abs(state[1]) > TIPPED else 2
+    for i in range(len(criterion.tipped)):
+        if abs(deviation(state[i], criterion.target[i], criterion.wraps[i])) > criterion.tipped[i]:
+            return 1
+    return 2
+
+
+@kernel
+def has_ended(criterion, state):
+    """Return whether a coordinate is as far from its target as ends a run."""
+    for i in range(len(criterion.ends)):
+        if abs(deviation(state[i], criterion.target[i], criterion.wraps[i])) >= criterion.ends[i]:
+            return True
+    return False
 
 
 def controller_inputs(
     scenario: Scenario, controller: Controller, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the inputs of the controller at each of the `times`, shape (N, 7) or (N, 8).
+    """Return the inputs of the controller at each of the `times`, shape (N, numbers).
 
     times: Instants [s], shape (N,).
     """
-    return controller.inputs_along_run(
-        scenario.cart_mass(instants(times)),
-        scenario.half_length(instants(times)),
-        scenario.pole_mass,
-        scenario.gravity,
-    )
+    return controller.inputs_for(scenario.plant, scenario.values(instants(times)))
+
+
+def signals_of(
+    plant: Plant, states: NDArray[np.float64], values: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Return the signals of a plant along a run, each of shape (N,).
+
+    states, values: States and parameters, shapes (N, 2 n) and (N, parameters).
+    """
+    n, found = len(plant.coordinates), {}
+    if not plant.signals:
+        return {}
+    named = [plant.named(row) for row in values]
+    for name, signal in plant.signals.items():
+        with told_of(f"signal {name!r}"):
+            rows = [signal(x[:n], x[n:], p) for x, p in zip(states, named, strict=True)]
+        try:
+            found[name] = np.array(rows, dtype=np.float64).reshape(len(states))
+        except (TypeError, ValueError):
+            raise InvalidValueError(f"signal {name!r}", "must be one number") from None
+    return found
 
 
 @functools.cache
@@ -270,27 +452,29 @@ def assemble(
     times: NDArray[np.float64],
     states: NDArray[np.float64],
     outcome: Outcome,
-    forces: NDArray[np.float64] | None = None,
+    inputs: NDArray[np.float64] | None = None,
     **deployed: Any,
 ) -> Trajectory:
     """Put a simulator's result together.
 
     times: The grid [s], shape (N,).
-    states: The states reached, shape (K, 4), K <= N.
-    forces: Forces [N], shape (K,); by default the controller's at each state.
+    states: The states reached, shape (K, 2 n), K <= N.
+    inputs: Inputs [N], shape (K,) or (K, k); by default the controller's at each state.
     """
-    reached = times[: len(states)]
-    if forces is None:
-        forces = controller.forces(
+    reached, plant = times[: len(states)], scenario.plant
+    if inputs is None:
+        inputs = controller.forces(
             states, controller_inputs(scenario, controller, reached), reached
         )
+    values = scenario.values(instants(reached))
     return Trajectory(
         time=reached,
         state=states,
-        force=forces,
-        cart_mass=scenario.cart_mass(instants(reached)),
-        half_length=scenario.half_length(instants(reached)),
+        input=inputs,
+        parameters=dict(zip(plant.parameters, values.T, strict=True)),
+        signals=signals_of(plant, states, values),
         outcome=outcome,
+        layout=Layout.of(scenario),
         **deployed,
         provenance={
             "simulator": simulator,

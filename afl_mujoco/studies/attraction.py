@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import REFERENCE, SUBJECT
-from afl_mujoco.errors import InvalidValueError, require_count
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle
+from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle, symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FALL_ANGLE, FELL
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
 from afl_mujoco.studies.robustness import map_starts, require_runs
@@ -45,9 +45,10 @@ class Options:
 
     Example: afl-mujoco attraction my-rig.toml --controllers adaptive lqr --quick
 
-    One run for each start (phi0, phi0') of a grid, with the scenario's schedules, disturbances and
-    imperfections. A start counts if the requirements are met from it or, if there are none, the run
-    settles. Writes attraction.json and a figure. A full run takes about five minutes on two cores.
+    One run for each start of a grid over two states, by default the last coordinate and its rate,
+    with the scenario's schedules, disturbances and imperfections. A start counts if the
+    requirements are met from it or, if there are none, the run settles. Writes attraction.json and
+    a figure. A full run takes about five minutes on two cores.
     """
 
     scenario: ScenarioName = "step-step"
@@ -57,10 +58,13 @@ class Options:
     """Starts along each axis; 41 by default."""
     quick: bool = False
     """11 starts along each axis, unless a number is given."""
-    max_angle: float = 1.55
-    """Largest |phi0| [rad]."""
-    max_rate: float = 10.0
-    """Largest |phi0'| [rad/s]."""
+    axes: tuple[str, ...] = ()
+    """The two states that vary, by name: phi phi_dot of the cart-pole."""
+    max_angle: float | None = None
+    """Largest deviation of the first from its target [rad, m]; 1.55 of the cart-pole, else 20 times
+    the band in which it is at rest."""
+    max_rate: float | None = None
+    """The same of the second [rad/s, m/s]; 10 of the cart-pole."""
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
@@ -73,6 +77,7 @@ class Request(NamedTuple):
 
     scenario: Scenario
     controllers: Sequence[Controller]
+    axes: tuple[str, str]
     angles: NDArray[np.float64]
     rates: NDArray[np.float64]
     deployed: Deployed = Deployed()
@@ -86,17 +91,49 @@ def prepare(options: Options) -> Request:
     scenario = find_scenario(o.scenario)
     count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
     require_count("grid", count, 2, MOST_GRID)
-    require_start_angle("max_angle", require_positive("max_angle", o.max_angle))
-    if not require_positive("max_rate", o.max_rate) <= LARGEST_STATE:
-        raise InvalidValueError("max_rate", f"must be at most {LARGEST_STATE:g}", o.max_rate)
-    if not o.max_angle < FALL_ANGLE:
-        rule = f"must be below {FALL_ANGLE:.4f} rad, where a pole has fallen"
-        raise InvalidValueError("max_angle", rule, o.max_angle)
+    axes = _axes(o.axes, scenario)
+    reach = (_reach("max_angle", o.max_angle, axes[0], scenario),
+             _reach("max_rate", o.max_rate, axes[1], scenario))  # fmt: skip
     deployed = Deployed(o.integrator, o.timestep)
     controllers = [find_controller(name) for name in o.controllers]
     require_runs(controllers, [scenario], deployed)
-    angles, rates = (np.linspace(-most, most, count) for most in (o.max_angle, o.max_rate))
-    return Request(scenario, controllers, angles, rates, deployed)
+    target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
+    angles, rates = (
+        target.get(name, 0.0) + np.linspace(-most, most, count)
+        for name, most in zip(axes, reach, strict=True)
+    )
+    return Request(scenario, controllers, axes, angles, rates, deployed)
+
+
+def _axes(given: Sequence[str], scenario: Scenario) -> tuple[str, str]:
+    """Return the two states that vary."""
+    states, last = scenario.plant.states, scenario.plant.coordinates[-1]
+    first, second = given if len(given) == 2 else (last, f"{last}_dot")
+    if len(given) not in (0, 2) or first == second:
+        raise InvalidValueError("axes", "must be two states", " ".join(given))
+    for name in (first, second):
+        if name not in states:
+            raise UnknownNameError.among("axis", name, states)
+    return first, second
+
+
+def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> float:
+    """Return how far a state goes from its target on an axis."""
+    units, rate = scenario.plant.units, name not in scenario.plant.coordinates
+    if given is None and scenario.is_cart_pole and name.startswith("phi"):
+        given = 10.0 if rate else 1.55
+    if given is None:
+        given = 20.0 * scenario.band(name.removesuffix("_dot"))
+    most = require_positive(option, given)
+    if units[name] == "rad":
+        require_start_angle(option, most)
+    if most > LARGEST_STATE:
+        raise InvalidValueError(option, f"must be at most {LARGEST_STATE:g}", most)
+    end = scenario.ends_at.get(name)
+    if end is not None and not most < end:
+        rule = f"must be below {end:.4f} {units[name]}, where a run has ended"
+        raise InvalidValueError(option, rule, most)
+    return most
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,17 +148,20 @@ class Result:
         Their names.
     integrator, timestep
         MuJoCo's integrator, and its step [s], None for the default.
+    axes
+        The two states that vary, phi and phi_dot of the cart-pole by default.
     angles, rates
-        phi(0) [rad] and phi_dot(0) [rad/s].
+        Their levels.
     rows
-        The runs of each controller: every angle for the first rate, then for the next, and at last
-        that from the start of the scenario itself.
+        The runs of each controller: every level of the first for the first of the second, then for
+        the next, and at last that from the start of the scenario itself.
     """
 
     scenario: Scenario
     controllers: tuple[str, ...]
     integrator: str
     timestep: float | None
+    axes: tuple[str, str] = ("phi", "phi_dot")
     angles: Array
     rates: Array
     rows: Rows
@@ -158,7 +198,7 @@ def run(
     cluster: str | None = None,
 ) -> Result:
     """Run every controller from every start; the result does not depend on the workers."""
-    scenario, controllers, angles, rates, deployed = request
+    scenario, controllers, axes, angles, rates, deployed = request
     done, each = 0, len(angles) * len(rates) + 1
     rows: list[Run] = []
     progress("mapping", 0, len(controllers) * each)
@@ -170,12 +210,13 @@ def run(
                 done += starts
                 progress(f"mapping: {name}", done, len(controllers) * each)
 
-            rows += map_starts(one, scenario, angles, rates, deployed, executor, advance)
+            rows += map_starts(one, scenario, axes, (angles, rates), deployed, executor, advance)
     return Result(
         scenario=scenario,
         controllers=tuple(one.name for one in controllers),
         integrator=deployed.integrator,
         timestep=deployed.timestep,
+        axes=axes,
         angles=angles,
         rates=rates,
         rows=tuple(rows),
@@ -193,8 +234,11 @@ def report(result: Result) -> Report:
         word = WORDS[result.kind(own)]
         counts = [fixed(100.0 * float((kinds == k).mean()), 1) for k in present]
         rows.append([name, *counts, Cell(word, "bad" if own.failure else "good")])
-    angle, rate = (short(float(axis[-1])) for axis in (result.angles, result.rates))
-    reach = f"|φ₀| up to {angle} rad and |φ₀′| up to {rate} rad/s"
+    units, axes = result.scenario.plant.units, (result.angles, result.rates)
+    reach = " and ".join(
+        f"|{symbol(name)}| up to {short(0.5 * float(axis[-1] - axis[0]))} {units[name]}"
+        for name, axis in zip(result.axes, axes, strict=True)
+    )
     said = "; ".join(f"{name} {percent(share, 3)}" for name, share in shares.items())
     title = f"From which starts each controller copes with {result.scenario.name}"
     return Report(
@@ -229,20 +273,28 @@ def _draw(result: Result) -> Any:
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = np.array([to_rgba(colour) for colour in COLOURS])
     edges = [x for axis in (result.angles, result.rates) for x in _edges(axis)]
-    _, phi, _, phi_dot = result.scenario.initial_state
+    own = dict(zip(result.scenario.plant.states, result.scenario.initial_state, strict=True))
     for axes, (name, kinds) in zip(panels.flat, maps.items(), strict=False):
         axes.grid(False)
         axes.imshow(
             colours[kinds], extent=edges, origin="lower", aspect="auto", interpolation="nearest"
         )
-        axes.plot(phi, phi_dot, "X", color="white", markeredgecolor="black", markersize=11)
+        axes.plot(
+            *(own[key] for key in result.axes),
+            "X",
+            color="white",
+            markeredgecolor="black",
+            markersize=11,
+        )
         axes.set_title(f"{name}: {percent(float((kinds == GOOD).mean()), 3)}")
         axes.set_xlim(edges[:2])
         axes.set_ylim(edges[2:])
     for axes in panels.flat[len(maps) :]:
         axes.set_axis_off()
-    figure.supxlabel("pole angle at the start φ₀ [rad]", fontsize=9)
-    figure.supylabel("its rate at the start φ₀′ [rad/s]", fontsize=9)
+    units = result.scenario.plant.units
+    labels = [f"{symbol(name)} at the start [{units[name]}]" for name in result.axes]
+    figure.supxlabel(labels[0], fontsize=9)
+    figure.supylabel(labels[1], fontsize=9)
     present = sorted({int(k) for kinds in maps.values() for k in np.unique(kinds)})
     handles = [Patch(facecolor=COLOURS[k], edgecolor="#707070", label=WORDS[k]) for k in present]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)

@@ -12,7 +12,9 @@ from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
@@ -98,12 +100,22 @@ def require_runnable(
     require_distinct("scenario", [s.name for s in scenarios])
     require_distinct("controller", [c.name for c in controllers])
     require_no_estimator(controllers)
+    if len({(s.plant.name, s.plant.origin) for s in scenarios}) > 1:
+        known = ", ".join(dict.fromkeys(s.plant.name for s in scenarios))
+        raise InvalidValueError("scenarios", "must be of one plant in a comparison", known)
     for scenario in scenarios:
         ticks_of(scenario.ideal, settings.timestep, settings.control_period)
         ticks_of(scenario)
-        if abs(tilt := scenario.initial_state[1]) >= 0.5 * math.pi:
+        tilt = scenario.initial_state[1] if scenario.is_cart_pole else 0.0
+        if abs(tilt) >= 0.5 * math.pi:
             rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
             raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
         for controller in controllers:
             require_stateless(controller, "this comparison")
-            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+            own = bound(controller, scenario)
+            controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))
+
+
+def has_equations(plant: Plant) -> bool:
+    """Return whether a plant says its own equations."""
+    return bool(plant.terms or plant.accelerations)

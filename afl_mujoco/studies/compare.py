@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -14,15 +14,20 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import REFERENCE, SUBJECT
 from afl_mujoco.errors import UnknownNameError, require_count
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.blocks import Block, Figure, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
+from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.ranges import scheduled
+from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.judgement import remarks_on
-from afl_mujoco.simulation.metrics import UNITS, metrics
-from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
+from afl_mujoco.simulation.metrics import in_order, metrics
+from afl_mujoco.simulation.remarks import remarks_on
+from afl_mujoco.simulation.trajectory import Layout, Trajectory, controller_inputs
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -83,8 +88,8 @@ class Request(NamedTuple):
         """Return it, or raise if anything would break the comparison, before it begins."""
         require_runs(self.controllers, self.scenarios, self.deployed)
         for scenario, controller in itertools.product(self.scenarios, self.controllers):
-            # raises if a gain is not positive
-            controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
+            if scenario.is_cart_pole:  # raises if a gain is not positive
+                controller_inputs(scenario, controller, np.array([0.0, *scenario.breakpoints]))
         if self.draws is not None:
             require_count("draws", self.draws, 1, MOST_DRAWS)
         return self
@@ -115,12 +120,17 @@ def prepare(options: Options) -> Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curves:
-    """A run over time: instants [s], states, shape (N, 4), exerted forces and commands [N]."""
+    """A run over time: instants [s], states, exerted inputs and commands as of `Trajectory`."""
 
     time: Array
     state: Array
     force: Array
     command: Array
+    signals: Mapping[str, Array] = field(default_factory=dict)
+
+    def of(self, k: int, inputs: Array) -> Array:
+        """Return what concerns one input."""
+        return inputs.reshape(len(self.time), -1)[:, k]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -184,13 +194,14 @@ class Result:
     @property
     def requirements(self) -> list[dict[str, Any]]:
         """Each run judged by each requirement, one row each, ready for pandas."""
+        known = {scenario.name: asked_of(scenario.plant) for scenario in self.scenarios}
         return [
             {
                 "scenario": run.scenario,
                 "controller": run.controller,
                 "draw": run.draw,
                 **asdict(one),
-                "unit": one.unit,
+                "unit": known[run.scenario][one.requirement].unit,
                 "met": one.met,
             }
             for run in self.rows
@@ -292,8 +303,9 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         if first is not None:
             remarks[key] = tuple(remarks_on(first, scenario, controller))
             curves[key] = Curves(
-                time=first.time, state=first.state, force=first.force, command=first.command
-            )
+                time=first.time, state=first.state, force=first.input, command=first.command,
+                signals=dict(first.signals),
+            )  # fmt: skip
         advance(controller.name)
     return Result(
         scenarios=tuple(scenarios),
@@ -395,55 +407,78 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
                 draw=partial(draw_responses, result, scenario),
             )
         )
-    shown = [name for name in UNITS if any(name in f for f in result.metrics)]
+    found = _metrics_on(result, scenario)
+    shown = in_order(name for draws in found.values() for one in draws for name in one)
     return [
         *blocks,
-        metrics_matrix(_metrics_on(result, scenario), shown, folded="All metrics"),
+        metrics_matrix(found, shown, folded="All metrics", layout=Layout.of(scenario)),
         Section("The scenario", f"compare-{number}-scenario", [facts], folded=True),
     ]
 
 
 def draw_responses(result: Result, scenario: Scenario) -> Any:
-    """Draw z, phi and F under each controller, their limits and bands, and M(t) and l(t)."""
+    """Draw coordinates, inputs, signals that are required, and parameters, by controller."""
     from afl_mujoco.report.figures import Panel, curves
 
-    runs, asked = result.curves_on(scenario), scenario.requirements
+    runs, asked, plant = result.curves_on(scenario), scenario.requirements, scenario.plant
     rests = asked.settling_time is not None or asked.recover_within is not None
     instants = np.array(scenario.breakpoints)
     around = np.concatenate([np.nextafter(instants, 0.0), instants])
     time = np.unique([*np.linspace(0.0, scenario.duration, 500), *around])
     panels = [
         Panel(
-            label=label,
-            curves={name: (one.time, one.state[:, k]) for name, one in runs.items()},
-            limits=[] if limit is None else [limit],
-            band=band if rests else None,
+            label=_axis(name, plant),
+            curves={one: (run.time, run.state[:, k]) for one, run in runs.items()},
+            limits=[asked.max[name]] if name in asked.max else [],
+            about=scenario.target[k],
+            band=scenario.band(name) if rests else None,
         )
-        for k, (label, limit, band) in enumerate(
-            (
-                ("cart position z [m]", asked.max.get("z"), asked.band("z")),
-                ("pole angle φ [rad]", asked.max.get("phi"), asked.band("phi")),
+        for k, name in enumerate(plant.coordinates)
+    ]
+    for k, name in enumerate(plant.inputs):
+        limits = [asked.max[x] for x in (name, f"{name}_command") if x in asked.max]
+        panels.append(
+            Panel(
+                label=_axis(name, plant),
+                curves={one: (run.time, run.of(k, run.force)) for one, run in runs.items()},
+                pale={one: (run.time, run.of(k, run.command)) for one, run in runs.items()
+                      if not np.array_equal(run.of(k, run.command), run.of(k, run.force))},
+                limits=limits,
+            )
+        )  # fmt: skip
+    for name in [one for one in plant.signals if one in {**asked.max, **asked.min}]:
+        target, most = asked.target.get(name, 0.0), asked.max.get(name)
+        panels.append(
+            Panel(
+                label=name,
+                curves={one: (run.time, run.signals[name]) for one, run in runs.items()},
+                limits=[] if most is None else [most],
+                about=target,
             )
         )
-    ]
-    limits = [asked.max[name] for name in ("force", "force_command") if name in asked.max]
-    panels += [
-        Panel(
-            label="force F [N]",
-            curves={name: (one.time, one.force) for name, one in runs.items()},
-            pale={name: (one.time, one.command) for name, one in runs.items()
-                  if not np.array_equal(one.command, one.force)},
-            limits=limits,
-        ),
-        Panel(
-            label="plant",
-            curves={"M [kg]": (time, scenario.cart_mass(time)),
-                    "l [m]": (time, scenario.half_length(time))},
-            black=True,
-        ),
-    ]  # fmt: skip
+    changing = [name for name, (low, high) in scenario.spans.items() if low < high]
+    shown = scheduled(plant) if scenario.is_cart_pole else changing
+    if shown:
+        table = {_parameter(name, plant): (time, scenario.schedule[name](time)) for name in shown}
+        panels.append(Panel(label="plant", curves=table, black=True))
     pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
     return curves(panels, scenario.duration, shaded=pushes)
+
+
+_AXES = {"z": "cart position z", "phi": "pole angle φ", "force": "force F"}
+_SHORT = {"cart_mass": "M", "half_length": "l"}
+
+
+def _axis(name: str, plant: Plant) -> str:
+    """Return the label of a coordinate or an input."""
+    words = _AXES.get(name, symbol(name)) if plant is CART_POLE else symbol(name)
+    return f"{words} [{unit}]" if (unit := plant.units[name]) else words
+
+
+def _parameter(name: str, plant: Plant) -> str:
+    """Return the label of a parameter."""
+    words = _SHORT.get(name, name) if plant is CART_POLE else name
+    return f"{words} [{plant.units[name]}]"
 
 
 def films(result: Result, command: str) -> list[Film]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,14 +100,14 @@ def linearize(
     the plant. `loop_margins` handles delay, hold and velocities. The nominal values of the belief
     must be known.
     """
-    from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward
+    from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
     r = linear_part(imperfections)
     model = CartPoleModel(plant, imperfections=r)
-    assumed = belief.about(plant)
+    assumed = replace(plant, **{name: belief.told(name, x) for name, x in asdict(plant).items()})
 
     def dynamics(state: Array, force: float) -> Array:
-        return np.array([*state[2:], *forward(model.addresses, *state.tolist(), float(force), 0.0)])
+        return np.array([*state[2:], *model.accelerations(state, force)])
 
     def force(state: Array) -> Array:
         return np.array([controller.force(state, assumed)])

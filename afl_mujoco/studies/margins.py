@@ -151,12 +151,13 @@ def prepare(options: Options) -> Request:
     masses, lengths = (grid[:: QUICK if o.quick else 1] for grid in (CART_MASSES, HALF_LENGTHS))
     nominal, deployed = NOMINAL, USUAL
     if scenario is not None:
+        scenario.require_cart_pole("margins")
         (mass, length, *_), varied = scenario.plants, scenario.ranges.varied
         masses = _levels(varied.get("cart_mass", mass))
         lengths = _levels(varied.get("half_length", length))
         linear = linear_part(scenario.imperfections)
         nominal = scenario.parameters_at(0.0)
-        known = scenario.belief.known(nominal)
+        known = scenario.belief.known(scenario.nominal)
         deployed = Deployment(linear.control_period or PERIOD, linear, known)
     masses = masses if o.cart_masses is None else tuple(map(float, o.cart_masses))
     lengths = lengths if o.half_lengths is None else tuple(map(float, o.half_lengths))
@@ -557,7 +558,7 @@ def small_motion(
         motor.gear = gain * motor.gear
 
     model = CartPoleModel(plant, edit=amplify, imperfections=scenario.imperfections)
-    model.compute_only(scenario.imperfections)
+    model.compute_only()
     return simulate_sampled(
         scenario, controller, timestep=timestep, control_period=period, model=model
     )

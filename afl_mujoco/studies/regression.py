@@ -13,9 +13,9 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import output_folder, read_json, write_json
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.metrics import STATES
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.cases import (
@@ -62,7 +62,7 @@ SLACK = 1e-6
 
 Number = float | None
 Row = tuple[Number, Number, Number, Number, Number, Number]
-COLUMNS = ("t", *STATES, "force")
+COLUMNS = ("t", *CART_POLE.states, "force")
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import Executor, compute_all
-from afl_mujoco.scenario.belief import ERROR, ERRORS
-from afl_mujoco.scenario.imperfections import IMPERFECTIONS, LARGEST_SEED, Imperfection
-from afl_mujoco.scenario.parameters import SCHEDULES
+from afl_mujoco.scenario.belief import ERROR, is_error
+from afl_mujoco.scenario.imperfections import (
+    BY_INPUT,
+    IMPERFECTIONS,
+    LARGEST_SEED,
+    Imperfection,
+    imperfections_of,
+)
+from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
@@ -41,6 +49,7 @@ def require_runs(
     controllers: Sequence[Controller], scenarios: Sequence[Scenario], deployed: Deployed
 ) -> None:
     """Raise if anything would break runs as deployed, before the first."""
+    from afl_mujoco.simulation.linear import bound
     from afl_mujoco.simulation.mujoco_model import require_integrator
     from afl_mujoco.simulation.sampled.runs import ticks_of
 
@@ -51,6 +60,8 @@ def require_runs(
     require_integrator(deployed.integrator)
     for scenario in scenarios:
         ticks_of(scenario, deployed.timestep, deployed.control_period)
+        for controller in controllers:
+            bound(controller, scenario)  # raises where it is of another plant
 
 
 # --- imperfections at a level -------------------------------------------------------------------
@@ -67,27 +78,31 @@ COMBINED = Imperfection(
 KNOWN: Mapping[str, Imperfection] = MappingProxyType(
     {one.name: one for one in (*IMPERFECTIONS, COMBINED)}
 )
-"""All that can be swept, by name."""
-
-LESS_IS_WORSE = {name for one in IMPERFECTIONS if one.less_is_worse for name in one.fields}
-"""Imperfections whose smaller levels are the harsher ones."""
+"""All that can be swept of a cart-pole, by name."""
 
 
-def find_imperfection(name: str) -> Imperfection:
-    """Return an imperfection by its name."""
-    if name not in KNOWN:
-        raise UnknownNameError.among("imperfection", name, KNOWN)
-    return KNOWN[name]
+def known_of(plant: Plant) -> Mapping[str, Imperfection]:
+    """Return all that can be swept of a plant, by name."""
+    own = imperfections_of(plant)
+    return KNOWN if own == IMPERFECTIONS else {one.name: one for one in (*own, COMBINED)}
+
+
+def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
+    """Return an imperfection of a plant by its name."""
+    known = known_of(plant)
+    if name not in known:
+        raise UnknownNameError.among("imperfection", name, known)
+    return known[name]
 
 
 @functools.cache
-def added() -> tuple[Imperfection, ...]:
+def added(plant: Plant = CART_POLE) -> tuple[Imperfection, ...]:
     """Return the imperfections that can be present at once, in their order.
 
     One that sets only what an earlier one has set is left out: it would contradict the earlier one.
     """
     found, set_before = [], set[str]()
-    for one in IMPERFECTIONS:
+    for one in imperfections_of(plant):
         sets = {*one.fields, *one.switches}
         if not sets <= set_before:
             found.append(one)
@@ -95,10 +110,12 @@ def added() -> tuple[Imperfection, ...]:
     return tuple(found)
 
 
-def hardware_at(imperfection: Imperfection, level: float, seed: int = 0) -> Hardware:
+def hardware_at(
+    imperfection: Imperfection, level: float, seed: int = 0, plant: Plant = CART_POLE
+) -> Hardware:
     """Return one imperfection, or all combined, at a level."""
     if imperfection.name == COMBINED.name:
-        return combined(level, [one for one in added() if one.name != RAIL], seed)
+        return combined(level, [one for one in added(plant) if one.name != RAIL], seed)
     return {**imperfection.options(level), "seed": seed}
 
 
@@ -113,6 +130,11 @@ def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0)
     return {**options, "seed": seed}
 
 
+def less_is_worse(path: str) -> bool:
+    """Return whether a smaller number of an imperfection is the harsher one."""
+    return path in ("input_limit", "slew_rate") or path.startswith("end_stops")
+
+
 def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scenario]:
     """Return every scenario with each of some imperfections on top of its own.
 
@@ -123,11 +145,13 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
     """
 
     def on_top(own: Any, name: str, level: Any) -> Any:
-        if name in (*ERRORS, "seed"):
+        if is_error(name) or name == "seed":
             return own + level
         if own is None:  # ideal
             return level
-        return min(own, level) if name in LESS_IS_WORSE else max(own, level)
+        if name in BY_INPUT and isinstance(own, Mapping):
+            return {key: on_top(value, name, level) for key, value in own.items()}
+        return min(own, level) if less_is_worse(name) else max(own, level)
 
     return [
         one.changed({name: on_top(one.hardware(name), name, x) for name, x in changes.items()})
@@ -141,9 +165,14 @@ def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
     first = list(one.fields.items())[:1]  # all combined has none
     if one.adds:
         return one
-    own = [(s.hardware(key), factor) for s in scenarios for key, factor in first]
+    own = [(_least(s.hardware(key)), factor) for s in scenarios for key, factor in first]
     levels = [one.reference, *(x / factor for x, factor in own if x and x / factor > 0.0)]
     return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
+
+
+def _least(level: Any) -> Any:
+    """Return a level, of a table by input the least."""
+    return min(level.values(), default=None) if isinstance(level, Mapping) else level
 
 
 def times_reference(imperfection: Imperfection, level: float) -> float:
@@ -225,12 +254,13 @@ def run_bare(unit: SweepUnit) -> tuple[Run, ...]:
 def sweep(unit: SweepUnit) -> Swept:
     """Find the levels up to which a controller survives an imperfection, and settles under it."""
     name, controller, scenarios, settings = unit
-    one = referred(find_imperfection(name), scenarios)
+    plant = scenarios[0].plant
+    one = referred(find_imperfection(name, plant), scenarios)
 
     @functools.cache
     def at(level: float) -> tuple[Run, ...]:
         chance = seeds(one.seeded, scenarios, settings)
-        hardware = [hardware_at(one, level, seed) for seed in chance]
+        hardware = [hardware_at(one, level, seed, plant) for seed in chance]
         return tuple(run_all(controller, on_hardware(scenarios, hardware), settings.deployed))
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
@@ -356,7 +386,7 @@ def search_worst(
     does not change and it finds nothing milder than what was known. There is no second search if
     nothing fails, and none at all if nothing passes.
     """
-    rng, duration, spent = search_generator(seed), space.scenario.duration, 0
+    rng, spent = search_generator(seed), 0
 
     def at(points: Sequence[NDArray[np.float64]], noise: int) -> list[Run]:
         units = [
@@ -366,7 +396,7 @@ def search_worst(
         return [run for some in compute_all(run_points, units, executor) for run in some]
 
     def cost(question: str, point: NDArray[np.float64], run: Run) -> float:
-        severity = run.severity(duration)
+        severity = run.severity(space.scenario)
         if question == HARDEST:
             return -severity
         # every failure ranks before every run that passes; of those the most severe ranks first
@@ -389,7 +419,7 @@ def search_worst(
     if all(run.failure for run in runs):
         return []
     points = [sample_point(space, i, seed) for i in range(len(runs))]
-    worst = int(np.argmax([run.severity(duration) for run in runs]))
+    worst = int(np.argmax([run.severity(space.scenario) for run in runs]))
     hardest = search(HARDEST, points[worst], worst)
     known = [(points[i], i) for i, run in enumerate(runs) if run.failure]
     known += [(np.array(hardest.point), hardest.run.draw)] if hardest.run.failure else []
@@ -434,7 +464,9 @@ def require_samples(
     if not 0 <= seed <= LARGEST_SEED:
         raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
     scenario = space.scenario
-    masses, lengths = np.meshgrid(*(_assumed(space, name) for name in SCHEDULES))
+    if not scenario.is_cart_pole:
+        return
+    masses, lengths = np.meshgrid(*(_assumed(space, name) for name in scheduled(CART_POLE)))
     for controller in controllers:
         if not controller.interpreted:  # raises if a gain is not positive
             controller.inputs_along_run(masses, lengths, *scenario.told_constants)
@@ -444,7 +476,7 @@ def _assumed(space: SampleSpace, name: str) -> NDArray[np.float64]:
     """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
     own = space.scenario.hardware(f"{name}{ERROR}")
     bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
-    known = space.scenario.belief.known(space.scenario.parameters_at(0.0))
+    known = space.scenario.belief.known(space.scenario.nominal)
     told = [
         known.changed(**{f"{name}{ERROR}": error}).told(name, value)
         for value in bounds
@@ -472,21 +504,24 @@ def run_starts(unit: StartUnit) -> list[Run]:
 def map_starts(
     controller: Controller,
     scenario: Scenario,
-    angles: NDArray[np.float64],
-    rates: NDArray[np.float64],
+    axes: tuple[str, str],
+    levels: tuple[NDArray[np.float64], NDArray[np.float64]],
     deployed: Deployed,
     executor: Executor,
     advance: Callable[[int], None] = lambda starts: None,
 ) -> list[Run]:
-    """Run a controller from every phi(0) [rad] and phi_dot(0) [rad/s], rate by rate.
+    """Run a controller from every level of two states, all of the first for each of the second.
 
     The last run is from the start of the scenario itself.
     """
-    z, _, z_dot, _ = scenario.initial_state
-    rows = [
-        tuple(replace(scenario, initial_state=(z, x, z_dot, rate)) for x in angles.tolist())
-        for rate in rates.tolist()
-    ]
+    across, along = (scenario.plant.states.index(name) for name in axes)
+
+    def start(x: float, y: float) -> Scenario:
+        state = list(scenario.initial_state)
+        state[across], state[along] = x, y
+        return replace(scenario, initial_state=tuple(state))
+
+    rows = [tuple(start(x, y) for x in levels[0].tolist()) for y in levels[1].tolist()]
     units = [StartUnit(controller, starts, deployed) for starts in (*rows, (scenario,))]
     found = compute_all(run_starts, units, executor, lambda i: advance(len(units[i].starts)))
     runs = [run for some in found for run in some]

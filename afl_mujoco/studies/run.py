@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
@@ -21,18 +22,22 @@ from afl_mujoco.simulation.judgement import (
     least_margin,
     settling_time,
 )
-from afl_mujoco.simulation.trajectory import COMPLETED, FALL_ANGLE, Outcome, Trajectory
+from afl_mujoco.simulation.metrics import effort_names
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
 
 if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollout
 
-METRICS = (
-    "peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi", "settling_time",
-)  # fmt: skip
-"""Figures of every row, in SI units; None for a missing one."""
 
-INTEGRALS = ("iae_z", "iae_phi")
-"""Figures that only a run to the end has: a part of the horizon cannot be compared."""
+def columns_of(plant: Plant) -> tuple[str, ...]:
+    """Return the figures of every row of runs of a plant, in SI units; None for a missing one."""
+    efforts = [effort_names(plant.inputs, name)[:2] for name in plant.inputs]
+    return (
+        *(f"peak_{name}" for name in plant.coordinates),
+        *(x for one in efforts for x in one),
+        *(f"iae_{name}" for name in plant.coordinates),
+        "settling_time",
+    )
 
 
 class Deployed(NamedTuple):
@@ -60,7 +65,7 @@ class Run:
     failure: str  # how it failed, from `failure_of`; empty if it met every requirement
     settled: bool  # within its bands for the last second at least, required or not
     time: float | None  # when it ended, or reached the end stop if that is its failure [s]
-    metrics: Mapping[str, float | None]  # `METRICS`
+    metrics: Mapping[str, float | None]  # `columns_of` the plant
     requirements: tuple[Judgement, ...]
     message: str = ""  # of a controller that computed no force
 
@@ -83,23 +88,32 @@ class Run:
         """The least margin of a run that completed; None if it has none."""
         return least_margin(self.requirements) if self.outcome == COMPLETED else None
 
-    def severity(self, duration: float) -> float:
+    def severity(self, scenario: Scenario) -> float:
         """Return how bad it was: up to 1 if it passed, from 1 on if it did not.
 
         Of a run that completed it is the share of the tightest limit that is used up, 1 + x / (1 +
         x) if the limit is exceeded by a share x; without requirements, the mean of its largest and
-        its average abs(phi) as shares of the angle of a fall. A run that ended early comes after
-        all of these, the earlier the worse, a controller that failed last.
+        its average deviation as shares of that which ends a run, in bands where none does. A run
+        that ended early comes after all of these, the earlier the worse, a controller that failed
+        last.
         """
+        duration = scenario.duration
         if self.outcome == CONTROLLER_FAILED:
             return 3.0
         if self.failure == self.outcome:
             return 3.0 - (self.time or 0.0) / duration
         tightest = self._robustness
         if tightest is None:
-            mean = (self.metrics["iae_phi"] or 0.0) / duration
-            return 0.5 * ((self.metrics["peak_phi"] or 0.0) + mean) / FALL_ANGLE
+            names = scenario.plant.coordinates
+            away = max(self._away(name, duration) / scenario.band(name) for name in names)
+            ends = [self._away(name, duration) / end for name, end in scenario.ends_at.items()]
+            return max(ends) if ends else away / (1.0 + away)
         return 1.0 - tightest if tightest >= 0.0 else 1.0 - tightest / (1.0 - tightest)
+
+    def _away(self, name: str, duration: float) -> float:
+        """Return the mean of the largest and the average deviation of a coordinate."""
+        mean = (self.metrics[f"iae_{name}"] or 0.0) / duration
+        return 0.5 * ((self.metrics[f"peak_{name}"] or 0.0) + mean)
 
     @property
     def _robustness(self) -> float | None:
@@ -171,7 +185,8 @@ def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
         failure=failure_of(run.outcome.kind, asked := judge(scenario, run)),
         settled=settled is not None,
         time=run.outcome.time,
-        metrics={name: run.metrics.get(name) for name in METRICS} | {"settling_time": settled},
+        metrics={name: run.metrics.get(name) for name in columns_of(scenario.plant)}
+        | {"settling_time": settled},
         requirements=asked,
     )
 
@@ -184,9 +199,10 @@ def numbered(runs: Iterable[Run]) -> list[Run]:
 def _row(scenario: Scenario, controller: Controller, run: Rollout) -> Run:
     """Return the row of a run."""
     failure, stop = run.failure, run.figures["stop_time"]
-    metrics = {name: _known(run.figures[name]) for name in METRICS}
-    if run.outcome.kind != COMPLETED:
-        metrics |= dict.fromkeys(INTEGRALS)
+    columns = columns_of(scenario.plant)
+    metrics = {name: _known(run.figures[name]) for name in columns}
+    if run.outcome.kind != COMPLETED:  # a part of the horizon cannot be compared
+        metrics |= dict.fromkeys(name for name in columns if name.startswith("iae_"))
     return Run(
         scenario=scenario.name,
         controller=controller.name,
@@ -208,7 +224,7 @@ def _failed(scenario: Scenario, controller: Controller, message: str) -> Run:
         failure=CONTROLLER_FAILED,
         settled=False,
         time=None,
-        metrics=dict.fromkeys(METRICS),
+        metrics=dict.fromkeys(columns_of(scenario.plant)),
         requirements=judge_failure(scenario),
         message=message.removeprefix(f"controller {controller.name!r}").strip().removeprefix(": "),
     )

@@ -7,11 +7,11 @@ from statistics import median
 
 from afl_mujoco.report.blocks import Cell, Matrix, Status
 from afl_mujoco.report.numbers import MISSING, percent, short
-from afl_mujoco.scenario.requirements import REQUIREMENTS
+from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
-from afl_mujoco.simulation.metrics import LABELS, unit_of
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
+from afl_mujoco.simulation.metrics import effort_names, label_of, unit_of
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout
 from afl_mujoco.studies.run import Run
 
 ENDINGS = {
@@ -29,9 +29,7 @@ NEVER = "never"
 
 def how(failure: str) -> str:
     """Return how a run fails, in words: the same in every study."""
-    return (
-        ENDINGS.get(failure) or f"misses “{REQUIREMENTS[failure].words}”" if failure else "passes"
-    )
+    return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
 
 
 def passes(runs: Sequence[Run]) -> str:
@@ -62,16 +60,26 @@ def spread(values: Sequence[float | None], digits: int = 3) -> str:
     return text
 
 
-def asked(one: Judgement) -> str:
-    """Return what a requirement asks for."""
-    known = REQUIREMENTS[one.requirement]
+def asked(one: Judgement, scenario: Scenario) -> str:
+    """Return what a requirement of a scenario asks for."""
+    known = asked_of(scenario.plant)[one.requirement]
     if one.requirement == "completes":
         return known.words
-    return f"{known.words} {short(one.limit)} {known.unit}"
+    return f"{known.words} {short(one.limit)} {known.unit}".rstrip()
 
 
-NEEDS = ("max.z", "max.phi", "max.force_command", "max.force")
-"""What a run needs of its hardware, shown where no requirement limits it."""
+def needs_of(scenario: Scenario) -> list[str]:
+    """Return what a run needs of its hardware, shown where no requirement limits it."""
+    plant = scenario.plant
+    efforts = [x for name in plant.inputs for x in (f"max.{name}_command", f"max.{name}")]
+    return [*(f"max.{name}" for name in plant.coordinates), *efforts]
+
+
+def titled(metric: str, layout: Layout = LAYOUT) -> str:
+    """Return a metric with its unit."""
+    unit = unit_of(metric, layout)
+    return f"{label_of(metric)} [{unit}]" if unit else label_of(metric)
+
 
 Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
 """Metrics of the draws of each controller."""
@@ -88,22 +96,25 @@ def requirements_matrix(
         one.requirement for runs in draws.values() for run in runs for one in run.requirements
     )
     rows: list[list[Cell | str]] = []
-    for name in [key for key in REQUIREMENTS if key in names]:
+    known, plant = asked_of(scenario.plant), scenario.plant
+    for name in [key for key in known if key in names]:
         cells: list[Cell | str] = []
         label = name
         for runs in draws.values():
             judged = [one for run in runs for one in run.requirements if one.requirement == name]
-            label = asked(judged[0]) if judged else label
+            label = asked(judged[0], scenario) if judged else label
             cells.append(_cell(name, runs, judged))
         rows.append([label, *cells])
     rows.append(["settles, required or not", *(_settled(runs) for runs in draws.values())])
-    needs = [REQUIREMENTS[name].metric for name in NEEDS if name not in names]
-    for name in [*needs, "limited_share"]:
-        label = f"{LABELS[name]} [{unit}]" if (unit := unit_of(name)) else LABELS[name]
+    needs = [known[name].metric for name in needs_of(scenario) if name not in names]
+    layout = Layout.of(scenario)
+    limited = [effort_names(plant.inputs, name)[-1] for name in plant.inputs]
+    for name in [*needs, *limited]:
         found = [[x for one in some if (x := one.get(name)) is not None]
                  for some in metrics.values()]  # fmt: skip
         if any(found):
-            rows.append([label, *(short(median(x), 3) if x else MISSING for x in found)])
+            cells = [short(median(x), 3) if x else MISSING for x in found]
+            rows.append([titled(name, layout), *cells])
     several = any(len(runs) > 1 for runs in draws.values())
     return Matrix(
         caption=f"{scenario.name}: value (margin)"
@@ -144,12 +155,17 @@ def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
 
 
 def metrics_matrix(
-    metrics: Figures, shown: Sequence[str], *, folded: str = "", digits: int = 3
+    metrics: Figures,
+    shown: Sequence[str],
+    *,
+    folded: str = "",
+    digits: int = 3,
+    layout: Layout = LAYOUT,
 ) -> Matrix:
     """Return metrics by controllers; of several draws the medians, with the ranges in brackets."""
     rows = [
         [
-            f"{LABELS[name]} [{unit}]" if (unit := unit_of(name)) else LABELS[name],
+            titled(name, layout),
             *(spread([one.get(name) for one in draws], digits) for draws in metrics.values()),
         ]
         for name in shown

@@ -12,12 +12,17 @@ import tyro
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT, subject_of
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Status
 from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -36,6 +41,7 @@ from afl_mujoco.studies.robustness import (
     Swept,
     all_settled,
     find_imperfection,
+    known_of,
     referred,
     require_runs,
     run_bare,
@@ -114,9 +120,17 @@ class Request(NamedTuple):
     settings: Settings = Settings()
     names: Sequence[str] = tuple(KNOWN)  # of imperfections
 
+    @property
+    def plant(self) -> Plant:
+        """The plant of all scenarios."""
+        return self.scenarios[0].plant
+
     def require(self) -> Request:
         """Return it, or raise if a rule is broken."""
-        require_distinct("imperfection", [find_imperfection(name).name for name in self.names])
+        if any(scenario.plant is not self.plant for scenario in self.scenarios):
+            raise InvalidValueError("scenarios", "must be of one plant")
+        named = [find_imperfection(name, self.plant).name for name in self.names]
+        require_distinct("imperfection", named)
         self.settings.require()
         require_runs(self.controllers, self.scenarios, self.settings.deployed)
         return self
@@ -137,7 +151,8 @@ def prepare(options: Options) -> Request:
     )
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
     controllers = [find_controller(name) for name in o.controllers]
-    return Request(controllers, scenarios, settings, o.imperfections or tuple(KNOWN)).require()
+    names = o.imperfections or tuple(known_of(scenarios[0].plant))
+    return Request(controllers, scenarios, settings, names).require()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -219,7 +234,10 @@ def run(
             sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
             units = [unit._replace(name=name) for name in names for unit in sound]
             progress("sweeping", 0, len(units))
-            told = [f"{u.controller.name}, {find_imperfection(u.name).title}" for u in units]
+            told = [
+                f"{u.controller.name}, {find_imperfection(u.name, request.plant).title}"
+                for u in units
+            ]
             advance = counted(progress, "sweeping", len(units), told)
             compute_all(sweep, units, executor, advance, kept=found)
     except KeyboardInterrupt:
@@ -262,7 +280,8 @@ def _result(
         for place, unit in enumerate(units)
         if unit.name in request.names
     ]
-    swept = (referred(find_imperfection(name), request.scenarios) for name in request.names)
+    named = (find_imperfection(name, request.plant) for name in request.names)
+    swept = (referred(one, request.scenarios) for one in named)
     return Result(
         settings=request.settings,
         scenarios=request.scenarios,
@@ -395,6 +414,8 @@ def _text(result: Result, one: Imperfection, found: Sweep) -> str:
 
 def _details(result: Result, names: Sequence[str]) -> Matrix:
     """Return what each controller needs, with nothing added and at the reference; how it fails."""
+    plant = result.scenarios[0].plant
+    needs = _needs(plant)
 
     def most(runs: Sequence[Run], name: str, decimals: int) -> str:
         values = [run.metrics[name] for run in runs]
@@ -402,11 +423,10 @@ def _details(result: Result, names: Sequence[str]) -> Matrix:
 
     def row(title: str, at: str, controller: str, fails: str, settles: str, runs: Sequence[Run],
             failure: Sequence[Run]) -> list[Cell | str]:  # fmt: skip
-        needs = (("peak_z", 2), ("max_command", 0), ("max_force", 0))
         first = next((one for one in failure if one.failure), None)
         word = how(first.failure) if first else MISSING
         when = f" at {fixed(first.time, 2)} s" if first and first.failure == first.outcome else ""
-        shown = [most(runs, name, decimals) for name, decimals in needs]
+        shown = [most(runs, name, decimals) for name, _, decimals in needs]
         return [title, controller, at, fails, settles, *shown, word + when]
 
     rows = [
@@ -429,13 +449,28 @@ def _details(result: Result, names: Sequence[str]) -> Matrix:
                 )
     return Matrix(
         folded="Every imperfection and controller: thresholds, and what the runs needed",
-        caption="With the reference hardware: largest |z|, command and |F| exerted; how it fails",
+        caption="With the reference hardware: the largest of what runs need; how they fail",
         columns=[
-            "Imperfection", "Controller", "Reference", "Fails at", "Unsettled at", "|z| [m]",
-            "Command [N]", "|F| exerted [N]", "How it fails",
+            "Imperfection", "Controller", "Reference", "Fails at", "Unsettled at",
+            *(title for _, title, _ in needs), "How it fails",
         ],
         rows=rows,
     )  # fmt: skip
+
+
+def _needs(plant: Plant) -> list[tuple[str, str, int]]:
+    """Return metrics of what runs need of their hardware, with titles and decimals."""
+    first, units = plant.coordinates[0], plant.units
+    found = [(f"peak_{first}", f"|{symbol(first)}| [{units[first]}]", 2)]
+    decimals = 0 if plant is CART_POLE else 2
+    for name in plant.inputs:
+        command, exerted, *_ = effort_names(plant.inputs, name)
+        unit = f" [{units[name]}]" if units[name] else ""
+        own = "" if len(plant.inputs) == 1 else f" {name}"
+        exerts = "|F|" if name == "force" else f"|{name}|"
+        found += [(command, f"Command{own}{unit}", decimals)]
+        found += [(exerted, f"{exerts} exerted{unit}", decimals)]
+    return found
 
 
 STUDY = Study(

@@ -199,7 +199,7 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
         pytest.param("../research/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
         pytest.param("plants/tree", "import mujoco", ANALYTIC, id="tree-engine"),
         pytest.param("plants/suspects", "import mujoco", ANALYTIC, id="suspects-engine"),
-        pytest.param("plants/tree", "import afl_mujoco.plants.cartpole", TREE, id="tree"),
+        pytest.param("plants/tree", "import afl_mujoco.plants.cartpole_equations", TREE, id="tree"),
         pytest.param("plants/writer", "import afl_mujoco.plants.equations", WRITER, id="writer"),
     ],
 )
@@ -208,4 +208,5 @@ def test_a_planted_import_breaks_its_contract(
 ) -> None:
     source = package_copy / "afl_mujoco" / f"{module}.py"
     source.write_text(f"{source.read_text()}\n{planted}\n")
-    assert broken_contracts(package_copy) == {contract}
+    # the engine side has the writer in it
+    assert broken_contracts(package_copy) == {contract, *([ENGINE] if contract == WRITER else [])}

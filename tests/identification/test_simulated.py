@@ -17,6 +17,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from tests.synthetic_logs import RIG
 
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
 
 class Lead:
     def __init__(self) -> None:
@@ -69,6 +71,9 @@ def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> N
 
 def test_what_cannot_be_a_log_is_refused() -> None:
     lqr = find_controller("lqr")
+    other = Scenario(name="other", plant=f"{EXAMPLES}/cart_double_pendulum.py:plant")
+    with pytest.raises(AflMujocoError, match="must be the cart-pole for a log, got 'cart-double"):
+        require_loggable(other, lqr, "sampled")
     with pytest.raises(AflMujocoError, match="simulator must be sampled for a log, got 'exact'"):
         require_loggable(RIG, lqr, "exact")
     with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l constant"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plants.cartpole import plant
+from afl_mujoco.plants.cartpole_equations import plant
 
 SOURCE = """
 from math import cos, sin

@@ -34,7 +34,9 @@ IMPERFECTIONS = st.builds(
 ASSUMED = st.builds(
     Assumed, value=st.sampled_from(("true", "nominal")) | POSITIVE, error=st.floats(-0.999, 1e3)
 )
-BELIEFS = st.just("nominal") | st.builds(Belief, cart_mass=ASSUMED, gravity=ASSUMED)
+BELIEFS = st.just("nominal") | st.builds(
+    Belief.of, st.fixed_dictionaries({"cart_mass": ASSUMED, "gravity": ASSUMED})
+)
 NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/" not in s)
 
 
@@ -144,7 +146,7 @@ HIT = "[[disturbances]]\nshape = "
             "[requirements]\ncontrol_period = 1",
             "requirements.control_period is not a known key; it belongs in [imperfections]",
         ),
-        ("mass = 1", "mass is not a known key; known keys: name, duration, "),
+        ("mass = 1", "mass is not a known key; known keys: name, plant, duration, "),
         ("replay = 1", "replay must be a table"),
         (
             "[replay]\nlaw = 'x'",

@@ -57,11 +57,11 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
         ("max.phi = nan", "requirements.max.phi must be"),
         (
             "max.phi = 15",
-            "requirements.max.phi must be less than pi/2, where the pole lies (15 degrees is",
+            "requirements.max.phi must be at most 1.57 rad, where a run ends (15 degrees is",
         ),
         (
             "bands.phi = 2",
-            "requirements.bands.phi must be less than pi/2, where the pole lies (2 degrees",
+            "requirements.bands.phi must be at most 1.57 rad, where a run ends (2 degrees",
         ),
         ('max.force = "weak"', "requirements.max.force must be a number, got 'weak'"),
         ("bands.phi = 0", "requirements.bands.phi must be positive, got 0"),

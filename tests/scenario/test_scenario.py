@@ -63,7 +63,7 @@ def test_its_plants_are_all_that_its_schedules_pass_through():
 
 def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):
     for segment in odd_scenario.segments:
-        mass, length = segment.parameters_at(segment.end)
+        mass, _, length, _ = segment.values_at(segment.end)
         # the limit from inside; one rounding apart at most
         assert mass == pytest.approx(odd_scenario.cart_mass.before(segment.end), rel=1e-15)
         assert length == pytest.approx(odd_scenario.half_length.before(segment.end), rel=1e-15)
@@ -72,21 +72,21 @@ def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):
 def test_a_pulse_acts_from_its_start_to_just_before_its_end():
     scenario = Scenario(name="x", disturbances=(PULSE,))
     times = np.array([1.999, 2.0, 2.499, 2.5])
-    assert scenario.pushes(times).tolist() == [0.0, -10.0, -10.0, 0.0]
-    assert [(s.start, s.push) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
+    assert scenario.pushes(times)[:, 0].tolist() == [0.0, -10.0, -10.0, 0.0]
+    assert [(s.start, s.push[0]) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
 
 
 def test_pulses_that_overlap_add_up():
     scenario = Scenario(
         name="x", disturbances=(PULSE, ForcePulse(force=4.0, start=2.25, duration=1.0))
     )
-    assert [s.push for s in scenario.segments] == [0.0, -10.0, -6.0, 4.0, 0.0]
+    assert [s.push[0] for s in scenario.segments] == [0.0, -10.0, -6.0, 4.0, 0.0]
 
 
 def test_an_impulse_belongs_to_the_segment_that_starts_with_it():
     hits = (Impulse(momentum=1.5, time=0.0), Impulse(momentum=-2.0, time=3.0))
     scenario = Scenario(name="x", disturbances=(*hits, Impulse(momentum=0.5, time=3.0)))
-    assert [(s.start, s.impulse) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
+    assert [(s.start, s.impulse[0]) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
 
 
 def test_parameters_at_a_time_are_those_after_the_jump(odd_scenario):

@@ -15,6 +15,7 @@ from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.trajectory import criterion_of
 
 SCENARIO = replace(afl.SCENARIOS["step-trapezoid-impulse"], duration=12.0)
 PAPER = ParameterChange()
@@ -24,8 +25,9 @@ WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
 def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
     loop = ode.closed_loop(scenario, controller, change)
     times = time_grid(scenario, period)
-    solver = scipy_solver(loop, **tolerances, controller="tested")
-    nodes = controller.nodes(scenario.plants)
+    criterion = criterion_of(scenario)
+    solver = scipy_solver(loop, **tolerances, controller="tested", criterion=criterion)
+    nodes = controller.nodes_within(scenario.spans)
     return integrate(scenario, solver, ode.transition(scenario, change), times, nodes=nodes)
 
 
@@ -52,11 +54,10 @@ def test_exact_mode_is_scipys_on_mujocos_dynamics():
     controller = afl.CONTROLLERS["adaptive"]
     run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
     model = CartPoleModel(SCENARIO.parameters_at(0.0))
-    loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
+    loop = mujoco_dynamics.closed_loop(model, controller, PAPER)
+    solver = scipy_solver(loop, controller="tested", criterion=criterion_of(SCENARIO))
     arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)
-    states, _ = integrate(
-        SCENARIO, scipy_solver(loop, controller="tested"), arrive, time_grid(SCENARIO, 1e-2)
-    )
+    states, _ = integrate(SCENARIO, solver, arrive, time_grid(SCENARIO, 1e-2))
     assert np.abs(run.state - states).max() < 1e-11
 
 
@@ -110,9 +111,10 @@ def test_where_a_slope_has_no_value_no_step_is_tried(which, value):
         out[:] = 1.0
         out[which] = value
 
-    work, found = np.full(dop853.WORK, np.nan), np.empty((1, 4))
+    work, found = np.full_like(dop853.work_space(4), np.nan), np.empty((1, 4))
+    limits, options = criterion_of(SCENARIO), (1e-9, 1e-9, 1.0)
     ended = dop853.solve(
-        rates, None, lambda x: 1.0, 0.0, 1.0, np.ones(4), np.ones(1), (1e-9, 1e-9, 1.0), work, found
+        rates, None, limits, 0.0, 1.0, np.ones(4), np.ones(1), options, work, found
     )
     assert ended == (0, 0.0, dop853.STUCK)
     assert asked == [0.0]

@@ -20,9 +20,11 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from tests.plants.plants import EXAMPLES, known
 
 ROOT = Path(__file__).parents[2]
 try:
@@ -35,9 +37,10 @@ try:
         CONTROL_PERIOD,
         FORCE_LIMIT,
         CartPoleEnv,
+        ScenarioEnv,
         policy_controller,
     )
-    from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv
+    from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 except ImportError as error:
     if os.environ.get("AFL_MUJOCO_REQUIRE_GYMNASIUM"):
         pytest.fail(f"AFL_MUJOCO_REQUIRE_GYMNASIUM is set, but {error}", pytrace=False)
@@ -81,10 +84,10 @@ def test_gymnasium_s_checker_accepts_the_pictures(graphics: None) -> None:
 
 def test_the_scenarios_of_the_paper_are_registered_as_they_are_and_at_random() -> None:
     registration.register()  # once more does nothing
-    known = sorted(name for name in gymnasium.registry if name.startswith("afl_mujoco/"))
-    assert known == sorted(IDS)
-    assert len(known) == 19
-    for name in known:
+    names = sorted(name for name in gymnasium.registry if name.startswith("afl_mujoco/"))
+    assert names == sorted([*IDS, "afl_mujoco/Scenario-v0"])
+    assert len(names) == 20
+    for name in IDS:
         scenario = gymnasium.spec(name).kwargs["scenario"]
         environment = gymnasium.make(name).unwrapped
         assert environment.scenario.name == scenario
@@ -111,7 +114,7 @@ def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with()
         "assert importlib.resources.files(gymnasium).joinpath('py.typed').is_file()",
         "print(len([name for name in gymnasium.registry if name.startswith('afl_mujoco/')]))",
     )
-    assert (run.stdout, run.stderr) == ("19\n", "")
+    assert (run.stdout, run.stderr) == ("20\n", "")
 
 
 def test_registering_imports_neither_mujoco_nor_numba() -> None:
@@ -432,7 +435,7 @@ def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_w
         (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
         (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
          "must be frozen: set update_running_mean = False"),
-        (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a CartPoleEnv or "),
+        (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
     ],
     ids=["frames", "time", "sticky", "learning", "vector"],
 )  # fmt: skip
@@ -466,3 +469,107 @@ def test_what_is_asked_of_an_environment_has_to_make_sense() -> None:
         many.reset()
     with pytest.raises(InvalidValueError, match="threads must be at least 1, got 0"):
         CartPoleVectorEnv(2, threads=0)
+
+
+def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:
+    """Return a scenario of a plant whose episodes differ, with hardware that is not ideal."""
+    rough = Imperfections(delay=0.0045, lag=0.002, noise=1e-3, dry_friction=1e-3, input_limit=30.0)
+    asked = afl.Requirements(ends_at={known(name).coordinates[1]: 0.4})
+    return afl.Scenario(
+        name="drawn", plant=known(name), duration=1.0, imperfections=rough, requirements=asked,
+        ranges=Ranges(varied=varied),
+    )  # fmt: skip
+
+
+PLANTS = {
+    "quadrotor": drawn("quadrotor_load.py:plant", x=(-0.2, 0.2), load=(0.02, 0.5)),
+    "double pendulum": drawn("cart_double_pendulum.py:plant", payload=(0.02, 0.2)),
+}
+
+
+@pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)
+@pytest.mark.parametrize("parameters", ["observed", "privileged"])
+def test_any_plant_is_an_environment_and_its_vector_has_the_same_bits(
+    scenario: afl.Scenario, parameters: str, rng: np.random.Generator
+) -> None:
+    settings = {"scenario": scenario, "randomize": True, "parameters": parameters}
+    made = gymnasium.make("afl_mujoco/Scenario-v0", **settings)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(made.unwrapped, skip_render_check=True)
+    ours = gymnasium.make_vec(
+        "afl_mujoco/Scenario-v0", num_envs=4, vectorization_mode="vector_entry_point", **settings
+    )
+    assert isinstance(ours.unwrapped, ScenarioVectorEnv)
+    theirs = SyncVectorEnv([lambda: ScenarioEnv(**settings) for _ in range(4)])
+    one, other = ours.reset(seed=3), theirs.reset(seed=3)
+    ends, k = 0, len(scenario.plant.inputs)
+    for _ in range(80):
+        for mine, their in zip(one[:-1], other[:-1], strict=True):
+            np.testing.assert_array_equal(mine, their)
+        assert one[-1].keys() == other[-1].keys()
+        for name, values in other[-1].items():
+            np.testing.assert_array_equal(one[-1][name], values)
+        ends += int(np.sum(one[2:4])) if len(one) > 2 else 0
+        actions = rng.uniform(-1.2, 1.2, (4, k))
+        one, other = ours.step(actions), theirs.step(actions)
+    assert ends > 2
+    ours.close()
+
+
+def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path) -> None:
+    text = (EXAMPLES / "quadrotor_load.xml").read_text()
+    limited = text.replace('site="left" gear', 'site="left" ctrlrange="0 12" gear')
+    assert limited != text
+    (tmp_path / "quadrotor_load.xml").write_text(limited)
+    (tmp_path / "limited_load.py").write_text((EXAMPLES / "quadrotor_load.py").read_text())
+    lines = ('plant = "limited_load.py:plant"', "[imperfections]", "input_limit = 20.0")
+    (tmp_path / "mine.toml").write_text("\n".join(lines))
+    environment = ScenarioEnv(tmp_path / "mine.toml", **SI)
+    assert environment.observation_space.shape == (8 + 5,)
+    environment.reset()
+    for action, forces in (([-1.0, -1.0], [0.0, -20.0]), ([0.5, 3.0], [9.0, 20.0])):
+        assert environment.step(action)[4]["force"].tolist() == forces
+    with pytest.raises(InvalidValueError, match=r"^action must have shape \(2,\), got \(1,\)"):
+        environment.step([1.0])
+    with pytest.raises(InvalidValueError, match=r"^initial_state must hold 8 numbers"):
+        environment.reset(options={"initial_state": (0, 0)})
+    seen, _ = environment.reset(options={"initial_state": (0.1, 0, 0, 0, 0, 0, 0, 0)})
+    assert seen[0] == 0.1
+    assert seen[8:].tolist() == environment.scenario.values_at(0.0).tolist()
+    scaled = ScenarioEnv(tmp_path / "mine.toml")
+    assert scaled.scale.tolist() == [4, 4, 2, 2, 8, 8, 8, 8, 1.0, 2**-5, 2**-5, 0.5, 16.0]
+
+
+def test_a_policy_of_any_plant_is_a_controller() -> None:
+    scenario = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges=Ranges())
+    scenario = replace(scenario, initial_state={"x": 0.1}, duration=0.5)
+    environment = ScenarioEnv(scenario)
+    weight = environment.inputs(np.zeros(2)) + 5.0
+
+    def predict(seen: np.ndarray) -> np.ndarray:
+        return (weight + seen[:2]) / FORCE_LIMIT
+
+    policy = policy_controller(predict, environment)
+    run = afl.simulate_mujoco(scenario, policy, "sampled", control_period=CONTROL_PERIOD)
+    seen, _ = environment.reset()
+    forces, ended = [], False
+    while not ended:
+        seen, _, terminated, truncated, told = environment.step(predict(seen))
+        forces.append(told["force"])
+        ended = terminated or truncated
+    assert len(forces) > 10
+    np.testing.assert_array_equal(run.inputs[:-1:20][: len(forces)], forces)
+    with pytest.raises(InvalidValueError, match="action of a policy must give 2 numbers, got 1"):
+        belief = scenario.plant.named(scenario.plant.nominal)
+        policy_controller(lambda seen: np.zeros(1), environment)(0.0, np.zeros(8), belief)
+
+
+@pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)
+def test_a_picture_of_any_plant(scenario: afl.Scenario, graphics: None) -> None:
+    settings = {"render_mode": "rgb_array", "width": 120, "height": 80}
+    environment = ScenarioEnv(scenario, **settings)
+    environment.reset()
+    picture = environment.render()
+    assert picture.shape == (80, 120, 3)
+    assert np.ptp(picture) > 100

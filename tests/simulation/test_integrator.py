@@ -10,7 +10,7 @@ from afl_mujoco import Scenario, piecewise_linear, staircase
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
-from afl_mujoco.simulation.trajectory import FALL_ANGLE
+from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
 
@@ -27,13 +27,16 @@ def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
     times = time_grid(scenario, period)
 
     def rate(time, state, segment):
-        return derivative(state, *segment.parameters_at(time), segment.push)
+        mass, _, length, _ = segment.values_at(time)
+        return derivative(state, mass, length, segment.push[0])
 
     def arrive(state, before, after):
-        jump = jump_at(state, *after.parameters_at(after.start), after.impulse)
+        mass, _, length, _ = after.values_at(after.start)
+        jump = jump_at(state, mass, length, after.impulse[0])
         return state + np.array([0.0, 0.0, *jump])
 
-    states, outcome = integrate(scenario, scipy_solver(rate, controller="none"), arrive, times)
+    solver = scipy_solver(rate, controller="none", criterion=criterion_of(scenario))
+    states, outcome = integrate(scenario, solver, arrive, times)
     return times, states, outcome
 
 

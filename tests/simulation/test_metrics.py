@@ -25,9 +25,8 @@ def decaying_run(outcome: str = "completed") -> Trajectory:
     return Trajectory(
         time=time,
         state=state,
-        force=5.0 - time,
-        cart_mass=np.ones_like(time),
-        half_length=np.full_like(time, 0.5),
+        input=5.0 - time,
+        parameters={"cart_mass": np.ones_like(time), "half_length": np.full_like(time, 0.5)},
         outcome=Outcome(outcome, 10.0),
     )
 
@@ -95,9 +94,8 @@ def test_overshoot_is_the_excursion_beyond_the_target() -> None:
     swung = Trajectory(
         time=run.time,
         state=state,
-        force=run.force,
-        cart_mass=run.cart_mass,
-        half_length=run.half_length,
+        input=run.force,
+        parameters=run.parameters,
         outcome=run.outcome,
     )
     at_peak = 0.75 * np.pi  # where the derivative of cos(t) exp(-t) vanishes

@@ -12,16 +12,15 @@ from afl_mujoco import Outcome, Trajectory, simulate_ode_rk4
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
-ARRAYS = ("time", "state", "force", "cart_mass", "half_length")
+ARRAYS = ("time", "state", "input", "command")
 
 
 def _made(**changes):
     fields = {
         "time": np.linspace(0, 1, 3),
         "state": np.arange(12.0).reshape(3, 4),
-        "force": np.zeros(3),
-        "cart_mass": np.ones(3),
-        "half_length": np.ones(3),
+        "input": np.zeros(3),
+        "parameters": {"cart_mass": np.ones(3), "half_length": np.ones(3)},
         "outcome": Outcome("completed", 1.0),
     }
     return Trajectory(**{**fields, **changes})
@@ -139,10 +138,10 @@ def test_a_state_with_one_runaway_number_is_beyond_the_limits(axis, value):
 def test_a_run_that_would_fill_the_memory_is_refused_by_its_headers(tmp_path, monkeypatch):
     path = tmp_path / "run.npz"
     count = 12_000_000  # 770 MB and the text: 0.8 MB as a file
-    shapes = {"time": (count,), "state": (count, 4), "force": (count,), "cart_mass": (count,)}
-    shapes["command"] = (0,)
+    shapes = {"time": (count,), "state": (count, 4), "input": (count,), "command": (0,)}
+    shapes["parameters.cart_mass"] = (3 * count,)
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, shape in {**shapes, "half_length": (2 * count,), "meta": (1,)}.items():
+        for name, shape in {**shapes, "meta": (1,)}.items():
             with archive.open(f"{name}.npy", "w") as stream:
                 header = {"descr": "<f8", "fortran_order": False, "shape": shape}
                 np.lib.format.write_array_header_1_0(stream, header)

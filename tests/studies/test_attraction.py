@@ -43,7 +43,7 @@ LQR = afl.CONTROLLERS["lqr"]
 
 def mapped(scenario, *controllers, angle=0.8, rate=2.0, count=5, **how):
     axes = (np.linspace(-most, most, count) for most in (angle, rate))
-    return run(Request(scenario, controllers or (LQR,), *axes), **how)
+    return run(Request(scenario, controllers or (LQR,), ("phi", "phi_dot"), *axes), **how)
 
 
 @pytest.mark.parametrize("scenario", [RIG, PLAIN], ids=["rig", "plain"])
@@ -78,7 +78,7 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     shown = report(result)
     assert "✓ passes" in to_text(shown.blocks)
     assert shown.headline == (
-        "rig: of 4 starts, |φ₀| up to 1.5 rad and |φ₀′| up to 4 rad/s, copes with lqr 0 %."
+        "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, copes with lqr 0 %."
     )
     cross = shown.blocks[0].draw().axes[0].lines[0]
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)

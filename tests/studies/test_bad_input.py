@@ -80,6 +80,15 @@ def test_an_unknown_scenario_with_what_was_meant(toy: str, refuses, name: str) -
     assert "did you mean step-step" in refuses(name, "step-stp", "--out", "out")
 
 
+@pytest.mark.parametrize("name", ["margins"])
+def test_a_plant_that_only_other_commands_take(refuses, tmp_path: Path, name: str) -> None:
+    plant = Path(__file__).parents[2] / "examples" / "cart_double_pendulum.py"
+    (tmp_path / "two.toml").write_text(f'name = "two"\nplant = "{plant}:plant"\n')
+    said = refuses(name, "two.toml", "--controllers", "lqr", "--out", "out")
+    assert "plant of scenario 'two' must be the cart-pole for " in said
+    assert said.endswith("got 'cart-double-pendulum'")
+
+
 @pytest.mark.parametrize("name", WITH_CONTROLLERS)
 def test_an_unknown_controller_with_what_was_meant(refuses, name: str) -> None:
     option = controllers_option(studies()[name])

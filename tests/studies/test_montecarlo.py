@@ -73,7 +73,7 @@ def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy: Res
         far, hard = np.abs(alone.state[:, 0]).max(), alone.metrics["max_force"]
         missed = ["max.z"] * bool(far > 0.5) + ["max.force"] * bool(hard > 150.0)
         assert [m.requirement for m in one.missed] == missed
-        assert bool(one.failure) == bool(missed) == (one.severity(4.0) > 1.0)
+        assert bool(one.failure) == bool(missed) == (one.severity(HEAVY) > 1.0)
         assert one.margin == pytest.approx(min(1.0 - far / 0.5, 1.0 - hard / 150.0))
     passed = sum(not one.failure for one in runs)
     assert 0 < passed < 20

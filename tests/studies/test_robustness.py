@@ -101,7 +101,7 @@ def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
     reported: list[int] = []
     hardest, nearest = searched(runs, progress=reported.append)
     assert (hardest.question, nearest.question) == (HARDEST, NEAREST)
-    assert hardest.run.severity(2.0) >= max(run.severity(2.0) for run in runs)
+    assert hardest.run.severity(SPACE.scenario) >= max(r.severity(SPACE.scenario) for r in runs)
     failures = [distance_of(SPACE, sample_point(SPACE, r.draw, 1)) for r in runs if r.failure]
     assert nearest.distance <= min(failures)
     assert nearest.run.failure
@@ -147,7 +147,7 @@ def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
 def test_a_map_of_starts_is_of_single_runs() -> None:
     scenario = replace(LEANING, duration=6.0)
     angles, rates = np.linspace(-1.4, 1.4, 5), np.array([-1.0, 1.0])
-    found = map_starts(LQR, scenario, angles, rates, Deployed(), in_process)
+    found = map_starts(LQR, scenario, ("phi", "phi_dot"), (angles, rates), Deployed(), in_process)
     assert {run.outcome for run in found} == {"completed", "fell"}
     assert [run.draw for run in found] == list(range(11))
     for run in found[:-1]:

@@ -11,14 +11,15 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.files import as_plain, parse_json
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.attraction import Result as Map
-from afl_mujoco.studies.run import METRICS, Run, run_all, run_of
+from afl_mujoco.studies.run import Run, columns_of, run_all, run_of
 from afl_mujoco.studies.tables import how, passes, requirements_matrix
 
-LQR = afl.CONTROLLERS["lqr"]
+LQR, NOMINAL = afl.CONTROLLERS["lqr"], afl.SCENARIOS["nominal"]
 NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))
 UNDONE = Judgement(requirement="completes", limit=20.0, value=15.0, margin=-0.25)
 
@@ -30,7 +31,7 @@ def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
     return Run(
         scenario="case", controller="lqr", outcome=outcome, settled=True, time=time,
         failure=outcome if outcome != "completed" else missed[0].requirement if missed else "",
-        metrics=dict.fromkeys(METRICS) | given,
+        metrics=dict.fromkeys(columns_of(CART_POLE)) | given,
         **{"requirements": (UNDONE,) * early} | values,
     )  # fmt: skip
 
@@ -52,18 +53,18 @@ def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> Non
         made("diverged", 0.5),
         made(CONTROLLER_FAILED),
     ]
-    severities = [run.severity(20.0) for run in order]
+    severities = [run.severity(NOMINAL) for run in order]
     assert severities == sorted(set(severities))
     assert severities[1] < 1.0 < severities[2]
 
 
 def test_severity_is_what_its_words_say() -> None:
     survivor = made(metrics={"peak_phi": 1.2, "iae_phi": 8.0})
-    assert survivor.severity(20.0) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
-    assert made("fell", 15.0).severity(20.0) == pytest.approx(2.25)
+    assert survivor.severity(NOMINAL) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
+    assert made("fell", 15.0).severity(NOMINAL) == pytest.approx(2.25)
     order = [limited(0.75, 0.5), limited(0.25, 0.75), limited(0.0), limited(0.75, -0.05),
              limited(-5.0, 0.5), made("fell", 19.0), made("fell", 1.0)]  # fmt: skip
-    severities = [run.severity(20.0) for run in order]
+    severities = [run.severity(NOMINAL) for run in order]
     assert severities == sorted(severities)
     assert severities[:3] == pytest.approx([0.5, 0.75, 1.0])
     assert [bool(run.failure) for run in order] == [False] * 3 + [True] * 4
@@ -117,8 +118,8 @@ def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
     runs = run_all(LQR, [replace(NEAR, requirements=asked), NEAR])
     axis = np.array([0.0])
     result = Map(
-        scenario=NEAR, controllers=("lqr",), integrator="RK4", timestep=None, angles=axis,
-        rates=axis, rows=tuple(runs),
+        scenario=NEAR, controllers=("lqr",), integrator="RK4", timestep=None,
+        axes=("phi", "phi_dot"), angles=axis, rates=axis, rows=tuple(runs),
     )  # fmt: skip
     data = as_plain(result, arrays := {})
     assert data["rows"][0] | {"requirements": []} == runs[0].row | {"requirements": []}

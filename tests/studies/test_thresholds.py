@@ -135,7 +135,7 @@ def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None
 def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found: float) -> None:
     scenario = replace(CASE, belief={"cart_mass": {"error": -0.3}})
     (on_top,) = on_hardware((scenario,), [{"cart_mass_error": level}])
-    assert on_top.belief.cart_mass.error == pytest.approx(found)
+    assert on_top.belief.error("cart_mass_error") == pytest.approx(found)
 
 
 @pytest.mark.parametrize(

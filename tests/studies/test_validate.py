@@ -13,14 +13,15 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.report.blocks import Cell, Matrix, Section, figures_of
 from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.studies.arrays import packed
 from afl_mujoco.studies.cases import REPORTED, Settings
 from afl_mujoco.studies.record import load_record, save_record
 from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.run import METRICS
 from afl_mujoco.studies.run import Run as Row
+from afl_mujoco.studies.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, junit, report, run, verdict_of
 from afl_mujoco.studies.verify.criteria import CRITERIA
 from tests.study_results import record
@@ -97,7 +98,8 @@ def missed(failure: str = "fell") -> Row:
     whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
     return Row(
         scenario="step-step", controller="adaptive", outcome=failure, failure=failure,
-        settled=False, time=0.7, metrics=dict.fromkeys(METRICS), requirements=(whole,),
+        settled=False, time=0.7, metrics=dict.fromkeys(columns_of(CART_POLE)),
+        requirements=(whole,),
     )  # fmt: skip
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,13 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.imperfections import require_on_rail
-from afl_mujoco.scenario.parameters import SCHEDULES, CartPoleParameters
+from afl_mujoco.scenario.imperfections import require_within_stop
+from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.simulation.trajectory import STATE_LIMIT
 from afl_mujoco.values import require_finite
 
 require_gymnasium()
@@ -104,30 +105,33 @@ two, so that a force divided by it and multiplied again is the same to the last 
 CONTROL_PERIOD = 0.02
 """How long an action is held [s]; the paper's controller balances every scenario with it."""
 
-STATE_SCALE = np.array([4.0, 2.0, 8.0, 8.0])
-"""Scales by which observations of the state are divided [m, rad, m/s, rad/s]."""
+STATE_SCALE = {"m": 4.0, "rad": 2.0, "m/s": 8.0, "rad/s": 8.0}
+"""Scales by which observations of the state are divided, by unit."""
 
 RENDER_MODE = "rgb_array"
 OPTIONS = ("initial_state",)
-STATE_NAMES = ("z", "phi", "z_dot", "phi_dot")
 
 
-class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
-    """Balance the pole while the plant changes; reward and plant are those of `load`.
+class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
+    """Balance a plant while it changes; reward and plant are those of `load`.
 
-    The observation is (z, phi, z_dot, phi_dot, M, l) at the instant, as shares of `scale`, within
-    `STATE_LIMIT`: the state as measured, M and l as a controller assumes them. The action is the
-    force on the cart as a share of `force_limit`, in -1 to 1, held for a control period. An episode
-    is terminated when ``|phi|`` reaches `FALL_ANGLE` or the state diverges, and truncated at the
-    scenario's end.
+    The observation is the state and the parameters at the instant, of the cart-pole (z, phi, z_dot,
+    phi_dot, M, l) and of another plant all parameters, as shares of `scale`, within `STATE_LIMIT`:
+    the state as measured, the parameters as a controller assumes them. The action has a number in
+    -1 to 1 for each input, held for a control period: of the cart-pole the force as a share of
+    `force_limit`; of another plant -1 is the lower and 1 the upper limit of the input, in the MJCF
+    (``ctrlrange``) or by the ``input_limit`` of the scenario, at most `force_limit`. An episode is
+    terminated when a coordinate is as far from its target as ends a run, ``|phi|`` at `FALL_ANGLE`,
+    or the state diverges, and truncated at the scenario's end.
 
     control_period: How long an action is held [s], a multiple of `timestep` (default: that of the
         scenario's imperfections, else `CONTROL_PERIOD`).
-    force_limit: Force of an action of 1 [N].
-    width, height, camera: Size of the pictures [pixels], and camera, ``"side"`` or ``"fixed"``.
-    scale: Scales by which observations are divided [m, rad, m/s, rad/s, kg, m]: powers of two, so
-        that nothing is rounded; those of M and l are not less than the largest M and l that can
-        occur.
+    force_limit: Force of an action of 1, where no other limit is closer [N].
+    width, height, camera: Size of the pictures [pixels], and camera: of the cart-pole ``"side"`` or
+        ``"fixed"``, of another plant by default the first of its MJCF, else a free one.
+    scale: Scales by which observations are divided, of the cart-pole [m, rad, m/s, rad/s, kg, m]:
+        powers of two, so that nothing is rounded; those of parameters are not less than the largest
+        value that can occur.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class declares it)
@@ -150,7 +154,7 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         initial_noise: float = 0.0,
         width: int = 480,
         height: int = 360,
-        camera: str = "side",
+        camera: str | int | None = None,
     ) -> None:
         if render_mode not in (None, RENDER_MODE):
             raise UnknownNameError.among("render_mode", render_mode, ("None", RENDER_MODE))
@@ -169,18 +173,35 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         )
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(1.0 / period, 3)}
-        space = self.dm_environment.task.space
-        self.scale = _scale_of(scenario, space) if scaled else np.ones(6)
+        least, largest = _bounds_of(scenario, self.dm_environment.task.space)
+        states = [STATE_SCALE[scenario.plant.units[name]] for name in scenario.plant.states]
+        powers = 2.0 ** np.ceil(np.log2(np.where(largest > 0.0, largest, 1.0)))
+        self.scale = np.concatenate([states, powers])
+        if not scaled:
+            self.scale = np.ones(len(self.scale))
         if parameters != OBSERVED:
-            self.scale = self.scale[:4]
+            self.scale = self.scale[: len(states)]
         high = STATE_LIMIT / self.scale
-        low = np.concatenate([-high[:4], np.zeros(len(high) - 4)])
+        never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
+        low = np.where(never_negative[: len(high)], 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), dtype=np.float64)
-        self.force_limit = float(force_limit)
+        self.low, self.high = self._limits(float(force_limit))
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.parameters, self.randomize = parameters, randomize
+        if camera is None:
+            camera = 0 if self.dm_environment.physics.model.ncam else -1
         self._picture = {"height": height, "width": width, "camera_id": camera}
         self._under_way = self._closed = False
+
+    def _limits(self, force_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the inputs of actions of -1 and 1."""
+        scenario, physics = self.scenario, self.dm_environment.physics
+        low, high = np.clip(physics.limits, -force_limit, force_limit).T
+        if not scenario.is_cart_pole:
+            names, own = scenario.plant.inputs, scenario.imperfections
+            limits = [own.of_input("input_limit", name) or math.inf for name in names]
+            low, high = np.maximum(low, np.negative(limits)), np.minimum(high, limits)
+        return low, high
 
     @property
     def most_steps(self) -> float:
@@ -198,18 +219,18 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
         """Start an episode.
 
-        Returns tuple: Observation, and information: ``time`` [s] and the ``force`` [N] that acted.
+        Returns tuple: Observation, and information: ``time`` [s] and the ``force`` [N] that acted,
+            an array where a plant has several inputs.
         """
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
-        start = initial_state(options or {})
+        start = initial_state(options or {}, self.scenario)
         task, physics = self.dm_environment.task, self.dm_environment.physics
         reseed(task, self.np_random)
         step = self.dm_environment.reset()
         if start is not None:
-            rail = self.scenario.rail
-            require_on_rail("z of initial_state", start[0], rail)
+            require_room(start, self.scenario)
             physics.begin(start)
             step = step._replace(observation=task.get_observation(physics))
         self._under_way = True
@@ -220,16 +241,23 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
         """Hold an action over one control period.
 
-        action: Force as a share of the limit, shape (1,), clipped to -1 and 1.
+        action: Inputs as shares of their limits, shape (k,), clipped to -1 and 1.
         """
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        force = np.asarray(action, dtype=np.float64) * self.force_limit
-        step = self.dm_environment.step(force)
+        shares = np.asarray(action, dtype=np.float64)
+        if shares.shape != self.low.shape:
+            raise InvalidValueError("action", f"must have shape {self.low.shape}", shares.shape)
+        step = self.dm_environment.step(self.inputs(shares))
         ended = self.dm_environment.task.get_termination(self.dm_environment.physics) is not None
         self._under_way = not step.last()
         truncated = bool(step.last()) and not ended
         return self._flat(step), float(step.reward), ended, truncated, self._information()
+
+    def inputs(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the inputs of actions, shape (..., k)."""
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
+        return np.clip(middle + half * shares, self.low, self.high)
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of now, shape (height, width, 3), or None without a render mode."""
@@ -248,7 +276,9 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
     def _information(self) -> dict[str, Any]:
         """Return time, force, and what the settings add."""
         physics = self.dm_environment.physics
-        known = {"time": float(physics.time()), "force": float(physics.control()[0])}
+        control = physics.control()
+        force = float(control[0]) if len(control) == 1 else control.copy()
+        known: dict[str, Any] = {"time": float(physics.time()), "force": force}
         if self.parameters == PRIVILEGED:
             known["parameters"] = physics.parameters()
         if self.randomize:
@@ -262,56 +292,68 @@ class CartPoleEnv(gymnasium.Env):  # type: ignore[misc]
         return observed(np.concatenate(parts), self.scale)
 
 
+CartPoleEnv = ScenarioEnv
+"""What it was called when there was no other plant."""
+
+
 def reseed(task: Balance, random: np.random.Generator) -> None:
     """Seed the random numbers that a task draws for the next episode."""
     task.random.seed(int(random.integers(2**32)))
 
 
 def observed(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return SI values, shape (..., 4) or (..., 6), as observations, always within the limits."""
+    """Return SI values, shape (..., numbers), as observations, always within the limits."""
     limited = np.clip(np.nan_to_num(values, nan=STATE_LIMIT), -STATE_LIMIT, STATE_LIMIT)
     return np.asarray(limited / scale)
 
 
-def _scale_of(scenario: Scenario, space: SampleSpace | None) -> NDArray[np.float64]:
-    """Return the scales by which observations are divided."""
-    mass, length, _, _ = scenario.plants
-    if space is not None:
-        mass, length = (space.bounds(name) for name in SCHEDULES)
-    largest = np.array([mass[1], length[1]])
-    return np.concatenate([STATE_SCALE, 2.0 ** np.ceil(np.log2(largest))])
+def _bounds_of(
+    scenario: Scenario, space: SampleSpace | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least value of each parameter that is observed, and its largest magnitude."""
+    spans = [
+        scenario.spans[name] if space is None else space.bounds(name)
+        for name in scheduled(scenario.plant)
+    ]
+    table = np.array(spans).reshape(-1, 2)
+    return table[:, 0], np.abs(table).max(axis=1)
 
 
 def policy_controller(
     predict: Callable[..., Any], environment: gymnasium.Env
-) -> Callable[[float, NDArray[np.float64], CartPoleParameters], float]:
+) -> Callable[[float, NDArray[np.float64], Any], Any]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
     It acts as in the environment, through its wrappers: held for the same control period, it
-    repeats the episode. It has no memory: the policy is read and not copied.
+    repeats the episode. It has no memory: the policy is read and not copied. Of a plant with
+    several inputs it returns an array.
     """
     env = getattr(environment, "unwrapped", environment)
-    if not isinstance(env, CartPoleEnv):
-        rule = "must be a CartPoleEnv or wrappers of one, not a vector of them"
+    if not isinstance(env, ScenarioEnv):
+        rule = "must be a ScenarioEnv or wrappers of one, not a vector of them"
         raise InvalidValueError("environment of a policy", rule, type(env).__name__)
-    scale, limit = env.scale.copy(), env.force_limit
+    scale, count, names = env.scale.copy(), len(env.low), scheduled(env.scenario.plant)
+    inputs = env.inputs
     see, act = changes_of(environment)
     if _asks_whether_deterministic(predict):
         predict = functools.partial(predict, deterministic=True)
 
-    def policy(time: float, state: NDArray[np.float64], belief: CartPoleParameters) -> float:
-        values = np.array([*state, belief.cart_mass, belief.half_length])[: len(scale)]
+    def policy(time: float, state: NDArray[np.float64], belief: Any) -> Any:
+        values = np.array([*state, *(getattr(belief, name) for name in names)])[: len(scale)]
         action = predict(see(observed(values, scale)))
         if isinstance(action, tuple):
             action, memory = action
             if memory is not None:
                 rule = "must not return a state: a recurrent policy has memory"
                 raise InvalidValueError("predict of a policy", rule)
-        share = np.asarray(act(action), dtype=np.float64).ravel()
-        if share.shape != (1,):
-            rule = "must give one number, the share of the largest force"
-            raise InvalidValueError("action of a policy", rule, f"{len(share)}")
-        return limit * min(max(float(share[0]), -1.0), 1.0)
+        shares = np.asarray(act(action), dtype=np.float64).ravel()
+        if shares.shape != (count,):
+            what = (
+                "one number, the share of the largest force" if count == 1 else f"{count} numbers"
+            )
+            raise InvalidValueError("action of a policy", f"must give {what}", f"{len(shares)}")
+        forces = inputs(shares)
+        return float(forces[0]) if count == 1 else forces
 
     return policy
 
@@ -326,19 +368,31 @@ def _asks_whether_deterministic(predict: Callable[..., Any]) -> bool:
         return False
 
 
-def initial_state(options: dict[str, Any]) -> tuple[float, ...] | None:
+def initial_state(options: dict[str, Any], scenario: Scenario) -> tuple[float, ...] | None:
     """Return the initial state in the options, None if there is none."""
     for key in options:
         if key not in OPTIONS:
             raise UnknownNameError.among("options of reset", key, OPTIONS)
     if "initial_state" not in options:
         return None
-    values = np.asarray(options["initial_state"], dtype=object)
-    if values.shape != (4,):
-        raise InvalidValueError("initial_state", "must hold four numbers", values.shape)
-    names = zip(STATE_NAMES, values.tolist(), strict=True)
+    values, states = np.asarray(options["initial_state"], dtype=object), scenario.plant.states
+    if values.shape != (len(states),):
+        words = "four" if len(states) == 4 else f"{len(states)}"
+        raise InvalidValueError("initial_state", f"must hold {words} numbers", values.shape)
+    names = zip(states, values.tolist(), strict=True)
     state = tuple(require_finite(f"{name} of initial_state", x) for name, x in names)
-    if abs(state[1]) >= FALL_ANGLE:
-        rule = f"must be within {FALL_ANGLE:.4f} rad"
-        raise InvalidValueError("phi of initial_state", rule, f"{state[1]:g}")
+    for name, x, target in zip(scenario.plant.coordinates, state, scenario.target, strict=False):
+        limit = scenario.ends_at.get(name, math.inf)
+        if abs(x - target) >= limit:
+            about = f" of {target:g}" if target else ""
+            rule = f"must be within {limit:.4f} {scenario.plant.units[name]}{about}"
+            raise InvalidValueError(f"{name} of initial_state", rule, f"{x:g}")
     return state
+
+
+def require_room(state: tuple[float, ...], scenario: Scenario) -> None:
+    """Raise if an initial state lies at an end stop or beyond."""
+    for name, x in zip(scenario.plant.coordinates, state, strict=False):
+        which = f"end_stops.{name}"
+        stop, unit = scenario.imperfections.at(which), scenario.plant.units[name]
+        require_within_stop(f"{name} of initial_state", x, stop, which, unit)

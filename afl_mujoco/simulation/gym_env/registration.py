@@ -19,8 +19,10 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 NAMESPACE = "afl_mujoco"
-ENTRY_POINT = "afl_mujoco.simulation.gym_env.environment:CartPoleEnv"
-VECTOR_ENTRY_POINT = "afl_mujoco.simulation.gym_env.vector:CartPoleVectorEnv"
+ENTRY_POINT = "afl_mujoco.simulation.gym_env.environment:ScenarioEnv"
+VECTOR_ENTRY_POINT = "afl_mujoco.simulation.gym_env.vector:ScenarioVectorEnv"
+ANY = f"{NAMESPACE}/Scenario-v0"
+"""The environment that takes its scenario as ``scenario=``, of any plant."""
 GYMNASIUM = "gymnasium"
 LABORATORY = "laboratory"
 
@@ -44,22 +46,25 @@ def register() -> None:
     """Make every scenario of the catalogue known to `gymnasium.make`; further calls do nothing.
 
     Each is registered as it is, and with start and imperfections drawn at random; the laboratory
-    only drawn at random, M(t) and l(t) too.
+    only drawn at random, M(t) and l(t) too. `ANY` takes any other.
     """
     require_gymnasium()
     from gymnasium.envs import registration
 
     from afl_mujoco.scenario.catalogue import SCENARIOS
 
-    fixed, random = list(SCENARIOS), [*SCENARIOS, LABORATORY]
-    for name, randomize in [*((n, False) for n in fixed), *((n, True) for n in random)]:
-        known = environment_id(name, randomize=randomize)
+    found: dict[str, dict[str, Any]] = {ANY: {}}
+    for name in SCENARIOS:
+        found[environment_id(name)] = {"scenario": name}
+    for name in (*SCENARIOS, LABORATORY):
+        found[environment_id(name, randomize=True)] = {"scenario": name, "randomize": True}
+    for known, settings in found.items():
         if known not in registration.registry:
             registration.register(
                 known,
                 entry_point=ENTRY_POINT,
                 vector_entry_point=VECTOR_ENTRY_POINT,
-                kwargs={"scenario": name, **({"randomize": True} if randomize else {})},
+                kwargs=settings,
             )
 
 

@@ -5,29 +5,31 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, kernel, load, store
+from afl_mujoco.compiled import kernel, pointer
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.library import mj_forward, mj_reset_data, write_row
 from afl_mujoco.pool import require_threads
-from afl_mujoco.scenario.imperfections import require_on_rail
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
-    CartPoleEnv,
+    ScenarioEnv,
     initial_state,
     observed,
+    require_room,
     reseed,
 )
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.mujoco_model import (
-    CartPoleModel,
-    mj_forward,
-    mj_reset_data,
+    Addresses,
+    SimulatedModel,
+    read_numbers,
     read_state,
-    write_parameters,
+    write_numbers,
     write_state,
 )
 from afl_mujoco.simulation.mujoco_physics import (
@@ -38,16 +40,16 @@ from afl_mujoco.simulation.mujoco_physics import (
     episode_of,
 )
 from afl_mujoco.simulation.sampled.hardware import (
-    RUN,
-    Actuator,
+    ACTUATOR,
+    RunState,
     Sensors,
     new_run,
     no_commands,
     sense,
 )
-from afl_mujoco.simulation.sampled.loop import PROFILE
-from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, reward
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.simulation.sampled.loop import Profile
+from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Reward
+from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
@@ -59,64 +61,108 @@ SHARES = 8
 """Parts for each thread in which environments step: who is done with one takes the next."""
 
 
-def _records(kind: type, **others: type) -> np.dtype[Any]:
-    """Return a named tuple of floats and others as a record."""
-    return np.dtype([(name, others.get(name, np.float64)) for name in kind._fields])  # type: ignore[attr-defined]
+class Many(NamedTuple):
+    """What compiled code knows of N environments: every field has a row for each."""
+
+    at: Addresses  # of their models
+    sensors: Sensors
+    actuators: NDArray[Any]
+    runs: RunState
+    # address and length of each array of an episode, by `_arrays`, shape (N, arrays, 2)
+    episodes: NDArray[np.int64]
+    instants: NDArray[np.int64]
+    # the state, its measurement, the parameters as they are shown, and the inputs that acted
+    truth: NDArray[np.float64]
+    seen: NDArray[np.float64]
+    told: NDArray[np.float64]
+    forces: NDArray[np.float64]
 
 
-SENSORS = _records(Sensors, noisy=np.bool_, differentiated=np.bool_, seed=np.int64)
-ACTUATORS = _records(Actuator, late=np.int64)
+def _arrays(e: Episode, shown: NDArray[np.float64], pending: NDArray[np.float64]) -> list[Any]:
+    """Return the arrays of an episode in the order in which compiled code takes their addresses."""
+    return [*e.profile, e.rows, e.which, shown, pending]
 
 
-@borrowing_kernel
-def _look(i, at, shown, sensors, tick, instant, runs, truth, seen, told):
-    """Write the state of an environment, its measurement, and (M, l) as they are shown."""
-    state = read_state(at[i])
-    measured = sense(at[i], sensors[i], runs[i], tick)
-    for k in range(4):
-        truth[i, k], seen[i, k] = state[k], measured[k]
-    last = shown[min(instant, len(shown) - 1)]
-    told[i, 0], told[i, 1] = last[0], last[1]
+def _stacked(rows: Sequence[Any]) -> Any:
+    """Return named tuples as one whose fields have a row for each."""
+    return type(rows[0])(*map(np.array, zip(*rows, strict=True)))
+
+
+def _put(stacked: Any, i: int, row: Any) -> None:
+    """Store a named tuple in row i of a stacked one."""
+    for field, value in zip(stacked, row, strict=True):
+        field[i] = value
 
 
 @kernel
-def _start(i, at, state, constants, profile, now, shown, sensors, runs, truth, seen, told):
-    """Put an environment at the start of its episode; arguments as in `_step`."""
-    mj_reset_data(at[i].model, at[i].data)
-    write_state(at[i], state[0], state[1], state[2], state[3])
-    begin_held(at[i], constants, profile, runs[i])
-    write_parameters(at[i], now[0, 0], constants[1], now[0, 1], constants[2])
-    mj_forward(at[i].model, at[i].data)
-    _look(i, at, shown, sensors, 0, 0, runs, truth, seen, told)
+def _floats(where, columns):
+    """Return the array of an address and a length."""
+    return carray(pointer(where[0]), (where[1], columns), np.float64)
 
 
 @kernel
-def _step(
-    part, hold, at, constants, profiles, now, shown, sizes, sensors, actuators, runs, pendings,
-    instants, commands, truth, seen, told, forces,
-):  # fmt: skip
-    """Take a control period in each environment of a part.
+def _whole_numbers(where):
+    """Return the array of an address and a length."""
+    return carray(pointer(where[0]), (where[1],), np.int64)
 
-    shown: The (M, l) at each instant that `told` gets, shape (N, K, 2).
-    sizes: Number of rows of `profiles`, `now` and `pendings` in use, shape (N, 3).
-    truth, seen, told, forces: Take the state, its measurement, (M, l), and the force that acted,
-        shape (N, 4), (N, 4), (N, 2) and (N,).
+
+@kernel
+def _plant(i, many):
+    """Return model, sensors and profile of an environment."""
+    a, s, e = many.at, many.sensors, many.episodes[i]
+    at = Addresses(
+        a.model[i], a.data[i], a.timestep[i], a.qpos[i], a.qvel[i], a.ctrl[i], a.applied[i],
+        a.qacc[i], a.smooth[i], a.n[i], a.k[i], a.structures[i], a.targets[i],
+    )  # fmt: skip
+    sensors = Sensors(
+        s.noisy[i], s.noise[i], s.step[i], s.differentiated[i], s.period[i], s.filter_share[i],
+        s.seed[i],
+    )  # fmt: skip
+    profile = Profile(
+        _floats(e[0], len(at.targets)), _whole_numbers(e[1]), _floats(e[2], at.n),
+        _floats(e[3], at.k), _floats(e[4], at.n), _floats(e[5], 1)[:, 0], _whole_numbers(e[6]),
+    )  # fmt: skip
+    return at, sensors, profile
+
+
+@kernel
+def _step(part, begins, hold, timestep, many, commands):
+    """Begin an episode in each environment of a part, or take a control period there.
+
+    begins: Whether episodes begin, from the states in ``many.truth``.
+    commands: What is commanded, shape (N, k).
     """
+    r = many.runs
     for i in part:
-        store(at[i].control, commands[i])
-        three = (constants[i, 0], constants[i, 1], constants[i, 2])
-        profile, count = profiles[i, : sizes[i, 0]], sizes[i, 1]
-        instants[i] = advance_held(
-            at[i], three, profile, now[i, :count], actuators[i], runs[i],
-            pendings[i, : sizes[i, 2]], instants[i], hold,
+        at, sensors, profile = _plant(i, many)
+        run = RunState(
+            r.marks[i], r.drive[i], r.command[i], r.measured[i], r.seen[i], r.before[i],
+            r.after[i], r.peak[i], r.iae[i], r.space[i],
         )  # fmt: skip
-        tick = instants[i] // hold
-        _look(i, at, shown[i, :count], sensors, tick, instants[i], runs, truth, seen, told)
-        forces[i] = load(at[i].control)
+        e = many.episodes[i]
+        rows, which = _floats(e[7], len(at.targets)), _whole_numbers(e[8])
+        if begins:
+            mj_reset_data(at.model, at.data)
+            write_state(at, many.truth[i])
+            begin_held(at, profile, run)
+            write_row(at.structures, at.targets, rows[0])
+            mj_forward(at.model, at.data)
+        else:
+            write_numbers(at.ctrl, commands[i])
+            many.instants[i] = advance_held(
+                at, timestep, profile, rows, which, many.actuators[i], run, _floats(e[10], at.k),
+                many.instants[i], hold,
+            )  # fmt: skip
+            read_numbers(at.ctrl, many.forces[i])
+        read_state(at, many.truth[i])
+        sense(at, sensors, run, many.instants[i] // hold)
+        many.seen[i] = run.measured
+        shown = _floats(e[9], many.told.shape[1])
+        many.told[i] = shown[min(many.instants[i], len(shown) - 1)]
 
 
-class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
-    """Many `CartPoleEnv`, step for step and bit for bit as in a `SyncVectorEnv` of them.
+class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
+    """Many `ScenarioEnv`, step for step and bit for bit as in a `SyncVectorEnv` of them.
 
     When an episode has ended, the next step starts a new one and ignores its action.
     """
@@ -130,8 +176,8 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         if num_envs < 1:
             raise InvalidValueError("num_envs", "must be at least 1", num_envs)
         if settings.pop("render_mode", None) is not None:
-            raise InvalidValueError("render_mode", "must be None: a CartPoleEnv draws pictures")
-        self._first = first = CartPoleEnv(**settings)  # its settings are those of all
+            raise InvalidValueError("render_mode", "must be None: a ScenarioEnv draws pictures")
+        self._first = first = ScenarioEnv(**settings)  # its settings are those of all
         self.num_envs = num_envs
         self.single_observation_space = first.observation_space
         self.single_action_space = first.action_space
@@ -143,29 +189,29 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         )
         self._pool = ThreadPoolExecutor(self._workers - 1) if self._workers > 1 else None
         physics: Physics = first.dm_environment.physics
-        self._hold, self._timestep = physics.hold, physics.episode.constants[0]
+        self._hold, self._timestep = physics.hold, physics.episode.timestep
         self._randoms = [np.random.default_rng() for _ in range(num_envs)]
+        plant, integrator = physics.scenario.plant, settings.get("integrator", "RK4")
         self._models = [
-            CartPoleModel(
-                physics.scenario.parameters_at(0.0),
-                timestep=self._timestep,
-                integrator=settings.get("integrator", "RK4"),
-            )
+            SimulatedModel(plant, timestep=self._timestep, integrator=integrator)
             for _ in range(num_envs)
         ]
-        self._at = np.array([model.addresses for model in self._models])
-        self._constants = np.zeros((num_envs, 3))
-        self._sizes = np.zeros((num_envs, 3), dtype=np.int64)
-        self._profiles = np.zeros((num_envs, 0), PROFILE)
-        self._now, self._shown = np.zeros((2, num_envs, 0, 2))
-        self._pendings = np.zeros((num_envs, 0))
-        self._sensors, self._actuators = np.zeros(num_envs, SENSORS), np.zeros(num_envs, ACTUATORS)
-        self._runs = np.zeros(num_envs, RUN)
-        self._instants = np.zeros(num_envs, dtype=np.int64)
+        n, k, each = len(plant.coordinates), len(plant.inputs), range(num_envs)
+        self._many = Many(
+            at=_stacked([model.addresses for model in self._models]),
+            sensors=_stacked([physics.episode.sensors for _ in each]),
+            actuators=np.zeros((num_envs, k), ACTUATOR),
+            runs=_stacked([new_run(n, k) for _ in each]),
+            episodes=np.zeros((num_envs, 11, 2), dtype=np.int64),
+            instants=np.zeros(num_envs, dtype=np.int64),
+            truth=np.zeros((num_envs, 2 * n)),
+            seen=np.zeros((num_envs, 2 * n)),
+            told=np.zeros((num_envs, physics.episode.now.shape[1])),
+            forces=np.zeros((num_envs, k)),
+        )
+        self._reward = Reward(physics.scenario)
         self._steps = np.zeros(num_envs, dtype=np.int64)
-        self._truth, self._seen = np.zeros((2, num_envs, 4))
-        self._told, self._forces = np.zeros((num_envs, 2)), np.zeros(num_envs)
-        self._drawn: list[Episode | None] = [None] * num_envs
+        self._kept: list[list[Any]] = [[] for _ in each]  # whose addresses compiled code has
         self._samples = np.full(num_envs, None, dtype=object)
         self._ended: NDArray[np.bool_] | None = None
 
@@ -182,15 +228,13 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             raise InvalidValueError("seed", f"must be {self.num_envs}", len(seeds))
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("closed environments cannot be reset")
-        asked = initial_state(options or {})
+        asked = initial_state(options or {}, self._first.scenario)
         for i in count:
             if seeds[i] is not None:
                 self._randoms[i], _ = np_random(seeds[i])
             scenario, start, episode = self._draw(i)
             if asked is not None:
-                rail = scenario.rail
-                require_on_rail("z of initial_state", asked[0], rail)
-            self._make_room(episode)
+                require_room(asked, scenario)
             self._begin(i, scenario, start if asked is None else asked, episode)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()
@@ -206,20 +250,18 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     ]:
         """Hold an action in every environment over one control period.
 
-        actions: Forces as shares of the limit, shape (N, 1), clipped to -1 and 1.
+        actions: Inputs as shares of their limits, shape (N, k), clipped to -1 and 1.
         """
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        values = np.asarray(actions, dtype=np.float64)
-        if values.shape != (self.num_envs, 1):
-            rule = f"must have shape ({self.num_envs}, 1)"
+        values, many = np.asarray(actions, dtype=np.float64), self._many
+        if values.shape != many.forces.shape:
+            rule = f"must have shape {many.forces.shape}"
             raise InvalidValueError("actions", rule, values.shape)
-        values = values[:, 0]
         fresh = self._ended
         if not np.isfinite(values[~fresh]).all():
             raise InvalidValueError("actions", "must be finite", values.tolist())
-        limit = self._first.force_limit
-        commands = np.clip(values * limit, -limit, limit)
+        commands = self._first.inputs(values)
 
         begin = np.flatnonzero(fresh).tolist()
         active = np.flatnonzero(~fresh)
@@ -228,35 +270,21 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
         def work() -> None:
             for part in parts:  # taking the next is one instruction, which no thread interrupts
-                _step(
-                    part, self._hold, self._at, self._constants, self._profiles, self._now,
-                    self._shown, self._sizes, self._sensors, self._actuators, self._runs,
-                    self._pendings, self._instants, commands, self._truth, self._seen, self._told,
-                    self._forces,
-                )  # fmt: skip
-
-        def finish() -> None:
-            work()
-            for one in others:
-                one.result()
+                _step(part, False, self._hold, self._timestep, many, commands)
 
         self._steps += 1
         others = [self._pool.submit(work) for _ in range(self._workers - 1)] if self._pool else []
         for i in begin:  # in Python, while the others compute
-            scenario, start, episode = self._draw(i)
-            if not self._has_room(episode):
-                finish()  # of the arrays that are now replaced
-                self._make_room(episode)
-            self._begin(i, scenario, start, episode)
-        finish()
-        known = (np.abs(self._truth) < STATE_LIMIT).all(axis=1)
-        diverged = np.logical_not(known)
-        terminated = (np.abs(self._truth[:, 1]) >= FALL_ANGLE) | diverged
-        terminated &= ~fresh
+            self._begin(i, *self._draw(i))
+        work()
+        for one in others:
+            one.result()
+        diverged = np.logical_not((np.abs(many.truth) < STATE_LIMIT).all(axis=1))
+        terminated = (self._reward.ended(many.truth) | diverged) & ~fresh
         last = self._steps >= self._first.most_steps
         truncated = last & ~terminated & ~fresh
-        z, phi = np.where(diverged[:, None], 0.0, self._truth[:, :2]).T
-        rewards = np.where(diverged | fresh, 0.0, reward(z, phi, self._forces))
+        finite = np.where(diverged[:, None], 0.0, many.truth)
+        rewards = np.where(diverged | fresh, 0.0, self._reward.of(finite, many.forces))
         self._ended = terminated | truncated
         return self._observations(), rewards, terminated, truncated, self._information()
 
@@ -273,69 +301,43 @@ class CartPoleVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         scenario, start = task.draw(physics.scenario)
         if scenario is physics.scenario:
             return scenario, start, physics.episode
-        return scenario, start, episode_of(scenario, self._timestep, self._hold)
-
-    def _has_room(self, e: Episode) -> bool:
-        """Return whether the arrays have as many rows as an episode needs."""
-        there = (self._profiles, self._now, self._pendings)
-        return all(rows <= one.shape[1] for rows, one in zip(_rows(e), there, strict=True))
-
-    def _make_room(self, e: Episode) -> None:
-        """Replace arrays that have fewer rows than an episode needs."""
-        steps, instants, late = _rows(e)
-        self._profiles = _with_room(self._profiles, steps)
-        self._now, self._shown = (_with_room(one, instants) for one in (self._now, self._shown))
-        self._pendings = _with_room(self._pendings, late)
+        model = self._models[i]
+        model.set_imperfections(scenario.imperfections)
+        return scenario, start, episode_of(model, scenario, self._timestep, self._hold)
 
     def _begin(self, i: int, scenario: Scenario, start: Sequence[float], e: Episode) -> None:
-        """Start an episode in one environment, as `CartPoleEnv.reset` does."""
-        steps, instants, late = _rows(e)
-        if self._drawn[i] is not e:
-            self._profiles[i, :steps] = e.profile
-            self._now[i, :instants] = e.now
-            self._shown[i, :instants] = e.now if self._first.parameters == PRIVILEGED else e.told
-            self._drawn[i] = e
-        self._pendings[i] = 0.0
-        self._sizes[i] = steps, instants, late
-        self._constants[i] = e.constants
-        self._sensors[i], self._actuators[i] = tuple(e.sensors), tuple(e.actuator)
-        self._runs[i] = new_run()
-        self._instants[i] = self._steps[i] = 0
-        self._forces[i], self._samples[i] = 0.0, scenario.name
-        model = self._models[i]
-        model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
-        model.compute_only(scenario.imperfections)
-        _start(
-            i, self._at, np.array(start), e.constants, e.profile, e.now,
-            self._shown[i, :instants], self._sensors, self._runs, self._truth, self._seen,
-            self._told,
-        )  # fmt: skip
+        """Start an episode in one environment, as `ScenarioEnv.reset` does."""
+        many, model = self._many, self._models[i]
+        shown = e.now if self._first.parameters == PRIVILEGED else e.told
+        self._kept[i] = arrays = _arrays(e, shown, no_commands(e.actuators))
+        many.episodes[i] = [(one.ctypes.data, len(one)) for one in arrays]
+        many.actuators[i] = e.actuators
+        _put(many.sensors, i, e.sensors)
+        _put(many.runs, i, new_run(many.truth.shape[1] // 2, many.forces.shape[1]))
+        many.instants[i] = self._steps[i] = 0
+        many.forces[i], self._samples[i] = 0.0, scenario.name
+        model.set_imperfections(scenario.imperfections)
+        model.compute_only()
+        many.truth[i] = start
+        _step(np.array([i]), True, self._hold, self._timestep, many, many.forces)
 
     def _observations(self) -> NDArray[np.float64]:
-        """Return the observations of each environment, shape (N, 4) or (N, 6)."""
-        told = [self._told] if self._first.parameters == OBSERVED else []
-        return observed(np.concatenate([self._seen, *told], axis=1), self.scale)
+        """Return the observations of each environment, shape (N, numbers)."""
+        told = [self._many.told] if self._first.parameters == OBSERVED else []
+        return observed(np.concatenate([self._many.seen, *told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
         """Return time, force, and what the settings add, as `SyncVectorEnv` does."""
-        known = {"time": self._instants * self._timestep, "force": self._forces.copy()}
+        many = self._many
+        forces = many.forces[:, 0] if many.forces.shape[1] == 1 else many.forces
+        known = {"time": many.instants * self._timestep, "force": forces.copy()}
         if self._first.parameters == PRIVILEGED:
-            known["parameters"] = self._told.copy()
+            known["parameters"] = many.told.copy()
         if self._first.randomize:
             known["sample"] = self._samples.copy()
         there = np.ones(self.num_envs, dtype=np.bool_)
         return {**known, **{f"_{name}": there.copy() for name in known}}
 
 
-def _rows(e: Episode) -> tuple[int, int, int]:
-    """Return how many rows of profile, parameters and delayed commands an episode needs."""
-    return len(e.profile), len(e.now), len(no_commands(e.actuator))
-
-
-def _with_room(stacked: NDArray[Any], length: int) -> NDArray[Any]:
-    """Return an array whose rows have at least a length."""
-    more = length - stacked.shape[1]
-    if more <= 0:
-        return stacked
-    added = np.zeros((len(stacked), more, *stacked.shape[2:]), stacked.dtype)
-    return np.concatenate([stacked, added], axis=1)
+CartPoleVectorEnv = ScenarioVectorEnv
+"""What it was called when there was no other plant."""

@@ -1,4 +1,4 @@
-"""Sensors and drive of the sampled loop, and their noise."""
+"""Sensors and drives of the sampled loop, and their noise."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, kernel
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import COORDINATES, STATE
+from afl_mujoco.compiled import inlined_kernel, kernel
 from afl_mujoco.scenario.sampling import SNAP
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import read_state
 
 _ROUNDS = 10
@@ -50,59 +49,82 @@ def _pair(first, second):
 
 
 @kernel
-def normals(seed, tick):
-    """Return four independent standard normal numbers."""
+def normals(seed, tick, block=0):
+    """Return four independent standard normal numbers; a tick has any number of blocks of them."""
     s, t, zero = np.uint64(seed), np.uint64(tick), np.uint64(0)
-    a, b, c, d = _philox(t & _LOW, t >> _WORD, zero, zero, s & _LOW, s >> _WORD)
+    a, b, c, d = _philox(t & _LOW, t >> _WORD, np.uint64(block), zero, s & _LOW, s >> _WORD)
     n0, n1 = _pair(a, b)
     n2, n3 = _pair(c, d)
     return n0, n1, n2, n3
 
 
-RUN = np.dtype(
+DRIVE = np.dtype(
     [
-        *(("written_mass", np.float64), ("written_length", np.float64)),
-        *((f"seen_{name}", np.float64) for name in ("z", "phi", "z_dot", "phi_dot")),
         *((name, np.float64) for name in ("demand", "force", "onset", "asked", "command")),
-        *((name, np.float64) for name in ("mean_force", "max_command", "limited")),
+        *((name, np.float64) for name in ("mean_force", "max_command", "max_force", "limited")),
         *((name, np.float64) for name in ("force_squared", "force_variation")),
-        *(("status", np.int64), ("step", np.int64)),
-        *((name, np.float64) for name in ("peak_z", "peak_phi", "max_force", "iae_z", "iae_phi")),
-        *(("unsettled", np.int64), ("at_stop", np.int64)),
+        ("beyond", np.bool_),
     ]
 )
-"""The state of a run, kept from step to step.
+"""The state of the drive of an input, kept from step to step.
 
-``written_mass``, ``written_length``: M [kg] and l [m] in the model. ``seen_...``: the last
-measurement. ``demand``, ``force``: the force that the drive aims at and the force that it exerts
-[N]. ``onset``: the force that it exerted at the start of the last step [N]. ``asked``,
-``command``, ``mean_force``: what the controller asked for at the last tick, the same within the
-drive's limit, and the mean force exerted since then [N]. ``max_command``: the largest of what was
-asked for [N]. ``limited``: how long it was at the limit or beyond [step]. ``force_squared``,
-``force_variation``: of the exerted force, the integral of its square [N^2 step] and its total
-variation [N], exact for its course within the steps. ``status``: `RUNNING`, `SETTLED` or an index
-into `OUTCOMES`. ``step``: the step that the run has reached. Peaks and integrals: up to that step.
-``unsettled``: the first step from which the state has stayed within the bands. ``at_stop``: the
-step at which the cart reached an end stop, -1 if it never did.
+``demand``, ``force``: the force that the drive aims at and the force that it exerts [N].
+``onset``: the force that it exerted at the start of the last step [N]. ``asked``, ``command``,
+``mean_force``: what the controller asked for at the last tick, the same within the drive's limit,
+and the mean force exerted since then [N]. ``max_command``, ``max_force``: the largest of what was
+asked for and exerted [N]. ``limited``: how long it was at the limit or beyond [step], which
+``beyond`` says of the last tick. ``force_squared``, ``force_variation``: of the exerted force, the
+integral of its square [N^2 step] and its total variation [N], exact for its course within the
+steps.
+"""
+
+MARKS = np.dtype(
+    [(name, np.int64) for name in ("status", "step", "unsettled", "at_stop", "written")]
+)
+"""How far a run is.
+
+``status``: `RUNNING`, `SETTLED` or an index into `OUTCOMES`. ``step``: the step that the run has
+reached. ``unsettled``: the first step from which the state has stayed within the bands.
+``at_stop``: the step at which a coordinate reached an end stop, -1 if none did. ``written``: the
+row of the profile that the model has, -1 for none.
 """
 
 RUNNING = -1
 """The status of a run that has not ended."""
 
-RECORD = ("z", "phi", "z_dot", "phi_dot", "force", "command")
-"""Columns of a record: the state at an instant, the force from then on, and the command [N]."""
+ACTUATOR = np.dtype(
+    [
+        *((name, np.float64) for name in ("low", "high")),  # limits of the force [N]
+        ("slew", np.float64),  # largest rate of the force [N/step]
+        ("late", np.int64),  # whole physics steps of the transport delay
+        ("later_share", np.float64),  # rest of the transport delay [step]
+        ("lag", np.float64),  # time constant of the first-order lag [step]
+    ]
+)
+"""How the command of an input becomes the force that acts."""
+
+
+class RunState(NamedTuple):
+    """The state of a run of a plant with n coordinates and k inputs, kept from step to step."""
+
+    marks: Any  # how far it is, a record of `MARKS`
+    drive: NDArray[Any]  # the state of each drive, shape (k,) of `DRIVE`
+    command: NDArray[np.float64]  # what is commanded, shape (k,) [N]
+    measured: NDArray[np.float64]  # the last measurement, shape (2 n,)
+    seen: NDArray[np.float64]  # positions and filtered rates of the last tick, shape (2 n,)
+    before: NDArray[np.float64]  # the state before and after a step, shape (2 n,)
+    after: NDArray[np.float64]
+    peak: NDArray[np.float64]  # largest deviations of the coordinates so far, shape (n,)
+    iae: NDArray[np.float64]  # integrals of their magnitudes, shape (n,)
+    space: NDArray[np.float64]  # work space, shape (k + 2 n,)
 
 
 class Sensors(NamedTuple):
     """How the state is measured."""
 
     noisy: bool  # whether any noise is added
-    noise_z: float  # standard deviations [m, rad, m/s, rad/s]
-    noise_phi: float
-    noise_z_dot: float
-    noise_phi_dot: float
-    step_z: float  # resolutions [m, rad]
-    step_phi: float
+    noise: NDArray[np.float64]  # standard deviations, shape (2 n,)
+    step: NDArray[np.float64]  # resolutions of the coordinates, shape (n,)
     differentiated: bool  # whether velocities are differences of positions
     period: float  # control period [s]
     # share of the gap to the measured velocity that the filtered velocity closes in a period, 1
@@ -111,26 +133,16 @@ class Sensors(NamedTuple):
     seed: int  # seed of the noise
 
 
-class Actuator(NamedTuple):
-    """How a command becomes the force on the cart."""
-
-    limit: float  # largest force [N]
-    slew: float  # largest rate of the force [N/step]
-    late: int  # whole physics steps of the transport delay
-    later_share: float  # rest of the transport delay [step]
-    lag: float  # time constant of the first-order lag [step]
-
-
-def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
-    """Return how the hardware measures.
+def sensors_of(scenario: Scenario, period: float) -> Sensors:
+    """Return how the hardware of a scenario measures.
 
     period: Control period [s].
     """
-    r = imperfections
+    r, plant = scenario.imperfections, scenario.plant
     return Sensors(
         noisy=r.noisy,
-        **{f"noise_{name}": r.at(f"noise.{name}") for name in STATE},
-        **{f"step_{name}": r.at(f"encoder_step.{name}") for name in COORDINATES},
+        noise=np.array([float(r.at(f"noise.{name}")) for name in plant.states]),
+        step=np.array([float(r.at(f"encoder_step.{name}")) for name in plant.coordinates]),
         differentiated=r.differentiated,
         period=period,
         filter_share=1.0 if r.velocity_filter == 0.0 else -math.expm1(-period / r.velocity_filter),
@@ -138,81 +150,96 @@ def sensors_of(imperfections: Imperfections, period: float) -> Sensors:
     )
 
 
-def actuator_of(imperfections: Imperfections, timestep: float, steps: int) -> Actuator:
-    """Return how the hardware acts.
+def actuators_of(
+    scenario: Scenario, limits: NDArray[np.float64], timestep: float, steps: int
+) -> NDArray[Any]:
+    """Return how the hardware of a scenario acts, shape (k,) of `ACTUATOR`.
 
+    limits: Limits of each input in the model, shape (k, 2).
     timestep: Physics step [s].
     """
-    r = imperfections
-    delay = min(r.delay / timestep, steps + 1.0)
-    late = math.floor(delay + SNAP)
-    return Actuator(
-        limit=math.inf if r.input_limit is None else r.input_limit,
-        slew=math.inf if r.slew_rate is None else r.slew_rate * timestep,
-        late=late,
-        later_share=delay - late if delay - late > SNAP else 0.0,
-        lag=r.lag / timestep,
+    r, inputs = scenario.imperfections, scenario.plant.inputs
+    found = np.zeros(len(inputs), ACTUATOR)
+    for one, name, (low, high) in zip(found, inputs, limits.tolist(), strict=True):
+        delay = min(r.of_input("delay", name) / timestep, steps + 1.0)
+        late = math.floor(delay + SNAP)
+        limit, slew = r.of_input("input_limit", name), r.of_input("slew_rate", name)
+        one["low"], one["high"] = low, high
+        if limit is not None:
+            one["low"], one["high"] = max(low, -limit), min(high, limit)
+        one["slew"] = math.inf if slew is None else slew * timestep
+        one["late"], one["later_share"] = late, delay - late if delay - late > SNAP else 0.0
+        one["lag"] = r.of_input("lag", name) / timestep
+    return found
+
+
+def new_run(n: int = 2, k: int = 1) -> RunState:
+    """Return the state of a run that has not begun: no force, no measurement, nothing written."""
+    marks = np.zeros(1, MARKS)
+    marks["status"] = marks["at_stop"] = marks["written"] = RUNNING
+    return RunState(
+        marks=marks[0],
+        drive=np.zeros(k, DRIVE),
+        command=np.zeros(k),
+        measured=np.zeros(2 * n),
+        seen=np.zeros(2 * n),
+        before=np.zeros(2 * n),
+        after=np.zeros(2 * n),
+        peak=np.zeros(n),
+        iae=np.zeros(n),
+        space=np.zeros(k + 2 * n),
     )
 
 
-def new_run() -> Any:
-    """Return the state of a run that has not begun: no force, no measurement, nothing written."""
-    run = np.zeros(1, RUN)
-    run["written_mass"], run["status"], run["at_stop"] = np.nan, RUNNING, -1
-    return run[0]
+def no_commands(actuators: NDArray[Any]) -> NDArray[np.float64]:
+    """Return a buffer, all zero, for the commands [N] that the transport delays can hold."""
+    return np.zeros((int(actuators["late"].max(initial=0)) + 2, len(actuators)))
 
 
-def no_commands(actuator: Actuator) -> NDArray[np.float64]:
-    """Return a buffer, all zero, for the commands [N] that the transport delay can hold."""
-    return np.zeros(actuator.late + 2)
-
-
-@borrowing_kernel
+@inlined_kernel
 def sense(at, sensors, run, tick):
-    """Return (z, phi, z_dot, phi_dot) as the controller gets them."""
-    z, phi, z_dot, phi_dot = read_state(at)
+    """Measure the state as the controller gets it."""
+    x, seen, n = run.measured, run.seen, at.n
+    read_state(at, x)
     if sensors.noisy:
-        n = normals(sensors.seed, tick)
-        z, phi = z + sensors.noise_z * n[0], phi + sensors.noise_phi * n[1]
-        z_dot += sensors.noise_z_dot * n[2]
-        phi_dot += sensors.noise_phi_dot * n[3]
+        drawn = normals(sensors.seed, tick, 0)
+        for i in range(2 * n):
+            if i > 0 and i % 4 == 0:
+                drawn = normals(sensors.seed, tick, i // 4)
+            x[i] += sensors.noise[i] * drawn[i % 4]
     # noise first: an encoder counts the noisy position
-    if sensors.step_z > 0.0:
-        z = sensors.step_z * np.rint(z / sensors.step_z)
-    if sensors.step_phi > 0.0:
-        phi = sensors.step_phi * np.rint(phi / sensors.step_phi)
-    if sensors.differentiated:
-        z_dot = (z - run.seen_z) / sensors.period if tick > 0 else 0.0
-        phi_dot = (phi - run.seen_phi) / sensors.period if tick > 0 else 0.0
-        run.seen_z, run.seen_phi = z, phi
-    if sensors.filter_share < 1.0:
-        if tick > 0:
-            z_dot = run.seen_z_dot + sensors.filter_share * (z_dot - run.seen_z_dot)
-            phi_dot = run.seen_phi_dot + sensors.filter_share * (phi_dot - run.seen_phi_dot)
-        run.seen_z_dot, run.seen_phi_dot = z_dot, phi_dot
-    return z, phi, z_dot, phi_dot
+    for i in range(n):
+        if sensors.step[i] > 0.0:
+            x[i] = sensors.step[i] * np.rint(x[i] / sensors.step[i])
+        if sensors.differentiated:
+            x[n + i] = (x[i] - seen[i]) / sensors.period if tick > 0 else 0.0
+            seen[i] = x[i]
+        if sensors.filter_share < 1.0:
+            if tick > 0:
+                x[n + i] = seen[n + i] + sensors.filter_share * (x[n + i] - seen[n + i])
+            seen[n + i] = x[n + i]
 
 
-@borrowing_kernel
+@inlined_kernel
 def within_reach(actuator, command):
-    """Return a command cut off at the force limit; NaN stays NaN."""
-    if command > actuator.limit:
-        return actuator.limit
-    if command < -actuator.limit:
-        return -actuator.limit
+    """Return a command cut off at the force limits; NaN stays NaN."""
+    if command > actuator.high:
+        return actuator.high
+    if command < actuator.low:
+        return actuator.low
     return command
 
 
-@borrowing_kernel
-def _reach(run, force):
+@inlined_kernel
+def _reach(drive, force):
     """Let the exerted force change to a value, with none beyond the two in between."""
-    run.force_variation += abs(force - run.force)
-    run.max_force = max(run.max_force, abs(force))
-    run.force = force
+    drive.force_variation += abs(force - drive.force)
+    drive.max_force = max(drive.max_force, abs(force))
+    drive.force = force
 
 
-@borrowing_kernel
-def _follow(run, start, rate, length, lag):
+@inlined_kernel
+def _follow(drive, start, rate, length, lag):
     """Return the integral of the force, lagging a demand that changes at a constant rate.
 
     In steps and newtons: the demand goes from `start` at `rate` for `length`. With an excess E of
@@ -223,21 +250,21 @@ def _follow(run, start, rate, length, lag):
         return 0.0
     if lag == 0.0:
         end = start + rate * length
-        _reach(run, start)
-        _reach(run, end)
-        run.force_squared += length * (start * start + start * end + end * end) / 3.0
+        _reach(drive, start)
+        _reach(drive, end)
+        drive.force_squared += length * (start * start + start * end + end * end) / 3.0
         return (start + 0.5 * rate * length) * length
     # T F' + F = demand, whose solution for a ramp is in the docstring
-    excess = run.force - start + rate * lag
+    excess = drive.force - start + rate * lag
     lost = -math.expm1(-length / lag)
     kept = 1.0 - lost
     if excess * rate > 0.0 and abs(rate) * lag < abs(excess):
         turn = -lag * math.log(rate * lag / excess)  # where force and demand meet, at rest
         if turn < length:
-            _reach(run, start + rate * turn)
-    _reach(run, start + rate * (length - lag) + excess * kept)
+            _reach(drive, start + rate * turn)
+    _reach(drive, start + rate * (length - lag) + excess * kept)
     base = start - rate * lag
-    run.force_squared += (
+    drive.force_squared += (
         length * (base * base + rate * length * (base + rate * length / 3.0))
         + 2.0 * excess * lag * (base * lost + rate * (lag * lost - length * kept))
         + 0.5 * excess * excess * lag * lost * (1.0 + kept)
@@ -245,45 +272,46 @@ def _follow(run, start, rate, length, lag):
     return (start + rate * (0.5 * length - lag)) * length + excess * lag * lost
 
 
-@borrowing_kernel
-def _obey(actuator, run, command, length):
+@inlined_kernel
+def _obey(actuator, drive, command, length):
     """Return the integral of the force while a command holds for a length, one step at most."""
-    demand, ramp = run.demand, 0.0
-    run.demand = command
+    demand, ramp = drive.demand, 0.0
+    drive.demand = command
     integral = 0.0
     if command != demand and actuator.slew < np.inf:
         rate = math.copysign(actuator.slew, command - demand)
         ramp = min((command - demand) / rate, length)
-        integral = _follow(run, demand, rate, ramp, actuator.lag)
+        integral = _follow(drive, demand, rate, ramp, actuator.lag)
         if ramp == length:  # the ramp goes on in the next step
-            run.demand = demand + rate * length
-    return integral + _follow(run, command, 0.0, length - ramp, actuator.lag)
+            drive.demand = demand + rate * length
+    return integral + _follow(drive, command, 0.0, length - ramp, actuator.lag)
 
 
-@borrowing_kernel
-def actuate(actuator, run, pending, command, k, length):
-    """Return the mean force on the cart over a physics step.
+@inlined_kernel
+def actuate(actuator, drive, pending, index, command, k, length):
+    """Return the mean force of a drive over a physics step.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
     held; a step gets the exact mean over the step, so that it delivers the right momentum with any
-    of MuJoCo's integrators. The run notes the force itself, which the mean would understate.
+    of MuJoCo's integrators. The drive notes the force itself, which the mean would understate.
 
+    index: Which input it is, a column of the pending commands.
     command: The command now, from `within_reach` [N].
     length: Length of the step [step], at most 1.
     """
     before, share = command, min(actuator.later_share, length)
     if actuator.late > 0 or share > 0.0:  # a ring of past commands, one a step
         size = len(pending)
-        pending[k % size] = command
-        command = pending[(k - actuator.late) % size]
-        before = pending[(k - actuator.late - 1) % size]
+        pending[k % size, index] = command
+        command = pending[(k - actuator.late) % size, index]
+        before = pending[(k - actuator.late - 1) % size, index]
     if actuator.lag == 0.0 and actuator.slew == np.inf:
-        run.onset = before if share > 0.0 else command
-        _follow(run, before, 0.0, share, 0.0)
-        _follow(run, command, 0.0, length - share, 0.0)
+        drive.onset = before if share > 0.0 else command
+        _follow(drive, before, 0.0, share, 0.0)
+        _follow(drive, command, 0.0, length - share, 0.0)
         return command if share == 0.0 else command + share / length * (before - command)
-    run.onset = run.force
-    integral = _obey(actuator, run, before, share) if share > 0.0 else 0.0
+    drive.onset = drive.force
+    integral = _obey(actuator, drive, before, share) if share > 0.0 else 0.0
     if share < length:
-        integral += _obey(actuator, run, command, length - share)
+        integral += _obey(actuator, drive, command, length - share)
     return integral / length

@@ -1,4 +1,4 @@
-"""The closed loop with the force held, compiled around MuJoCo's `mj_step`.
+"""The closed loop with the inputs held, compiled around MuJoCo's `mj_step`, for any plant.
 
 `start`, `advance` to the next control tick, and the whole loop made of the two. Every sampled run
 uses them: with ideal hardware or not, one run or thousands, in the dm_control environment and in
@@ -7,61 +7,60 @@ the maps of attraction.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, load, store
+from afl_mujoco.compiled import borrowing_kernel, inlined_kernel, load, store
 from afl_mujoco.control.controller import compiled_force, force_from_inputs
 from afl_mujoco.control.estimator import filtered_state
 from afl_mujoco.control.estimator import start as begin_estimate
 from afl_mujoco.control.estimator import update as update_estimate
-from afl_mujoco.scenario.requirements import BANDS
+from afl_mujoco.plants.library import (
+    mj_forward,
+    mj_mul_m,
+    mj_reset_data,
+    mj_solve_m,
+    mj_step,
+    write_row,
+)
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,
-    mj_reset_data,
-    mj_step,
+    read_numbers,
     read_state,
-    write_parameters,
+    write_numbers,
     write_state,
 )
 from afl_mujoco.simulation.sampled.hardware import RUNNING, actuate, sense, within_reach
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
-    FALL_ANGLE,
     FELL,
     OUTCOMES,
     STATE_LIMIT,
+    Criterion,
+    deviation,
     ending_of,
     within_limits,
 )
 
-BAND_Z, BAND_PHI = BANDS["z"], BANDS["phi"]
-"""A run is settled while ``|z|`` and ``|phi|`` stay within these [m, rad]."""
-
 SETTLED = len(OUTCOMES)
 """The status of a run that ended early, settled for the dwell of its criterion."""
-
-PROFILE = np.dtype(
-    [(name, np.float64) for name in ("cart_mass", "half_length", "push", "impulse", "split")]
-)
-"""What happens to the plant in a step: M [kg], l [m], disturbing force [N], and a jump of the
-momentum along z [N s] with the share of the step after which it acts. The last row of a profile
-applies from then on."""
 
 _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
 
-class Criterion(NamedTuple):
-    """When a run ends before its horizon, and when it counts as settled."""
+class Profile(NamedTuple):
+    """What happens to the plant in each of K steps; the last applies from then on."""
 
-    fall_angle: float = FALL_ANGLE  # the run ends as fallen when ``|phi|`` reaches this [rad]
-    z: float = BAND_Z  # half-widths of the bands within which a run is settled [m, rad, m/s, rad/s]
-    phi: float = BAND_PHI
-    z_dot: float = math.inf
-    phi_dot: float = math.inf
-    dwell: int = 0  # the run ends as settled after this many steps within the bands; 0 for never
+    rows: NDArray[np.float64]  # what is written into the model, shape (R, targets)
+    which: NDArray[np.int64]  # the row of each step, shape (K,)
+    push: NDArray[np.float64]  # disturbing forces along coordinates [N, N m], shape (K, n)
+    beside: NDArray[np.float64]  # and beside the drives of inputs at sites, shape (K, k)
+    impulse: NDArray[np.float64]  # jumps of the momenta [N s, N m s], shape (K, n)
+    # the share of the step after which its jump acts, 0 at its start; -1 for none, shape (K,)
+    split: NDArray[np.float64]
+    joins: NDArray[np.int64]  # 1 where what is new at the start joins at rest, else 0, shape (K,)
 
 
 class Plan(NamedTuple):
@@ -71,146 +70,177 @@ class Plan(NamedTuple):
     hold: int  # physics steps of a control period
     timestep: float  # physics step [s]
     last: float  # length of the last step [s], at most a physics step: it ends at the horizon
-    pole_mass: float  # m [kg] and g [m/s^2]
-    gravity: float
-    rail: float = math.inf  # largest displacement of the cart to either side [m]
-    criterion: Criterion = Criterion()  # when the run ends early
+    criterion: Criterion  # when the run ends early
 
 
-@borrowing_kernel
-def write_plant(at, plan, profile, run, k):
+@inlined_kernel
+def write_plant(at, profile, run, k):
     """Write the parameters of step k to the model, unless it has them."""
-    i = min(k, len(profile) - 1)
-    mass, length = profile[i].cart_mass, profile[i].half_length
-    if not (mass == run.written_mass and length == run.written_length):
-        write_parameters(at, mass, plan.pole_mass, length, plan.gravity)
-        run.written_mass, run.written_length = mass, length
-
-
-@borrowing_kernel
-def apply_impulse(at, profile, k, inside):
-    """Apply the impulse at the start of step k or inside it, with the parameters in the model."""
-    row = profile[min(k, len(profile) - 1)]
-    impulse = row.impulse
-    if impulse != 0.0 and (row.split > 0.0) == inside:
-        z, phi, z_dot, phi_dot = read_state(at)
-        force, push = load(at.control), load(at.push)
-        # mj_forward under the impulse minus mj_forward without it: M^-1 times the momentum
-        jump = impulse_jump(at, z, phi, z_dot, phi_dot, impulse)
-        store(at.control, force)
-        store(at.push, push)
-        write_state(at, z, phi, z_dot + jump[0], phi_dot + jump[1])
-
-
-@borrowing_kernel
-def _settled(criterion, state):
-    """Return whether the state is within the bands."""
-    return (
-        abs(state[0]) <= criterion.z
-        and abs(state[1]) <= criterion.phi
-        and abs(state[2]) <= criterion.z_dot
-        and abs(state[3]) <= criterion.phi_dot
-    )
-
-
-@borrowing_kernel
-def _enter(at, plan, profile, run, record, k):
-    """Reach instant k: end the run there or continue it; record state, force and command."""
-    state, criterion = read_state(at), plan.criterion
-    z, phi = abs(state[0]), abs(state[1])
-    run.step = k
-    run.peak_z, run.peak_phi = max(run.peak_z, z), max(run.peak_phi, phi)
-    if not _settled(criterion, state):
-        run.unsettled = k + 1
-    if z >= plan.rail and run.at_stop < 0:
-        run.at_stop = k
-    if phi >= criterion.fall_angle:
-        run.status = _FELL
-    elif criterion.dwell > 0 and k - run.unsettled >= criterion.dwell:
-        run.status = SETTLED
-    elif k == plan.steps:
-        run.status = _COMPLETED
+    i = min(k, len(profile.which) - 1)
+    row = profile.which[i]
+    if row == run.marks.written:
+        return
+    if profile.joins[i] and run.marks.written >= 0:  # M v stays, as M changes
+        momenta = run.space.ctypes.data
+        mj_forward(at.model, at.data)
+        mj_mul_m(at.model, at.data, momenta, at.qvel)
+        write_row(at.structures, at.targets, profile.rows[row])
+        mj_forward(at.model, at.data)
+        mj_solve_m(at.model, at.data, at.qvel, momenta, 1)
     else:
-        write_plant(at, plan, profile, run, k)
-        apply_impulse(at, profile, k, False)
-    if len(record) > 0:
-        row = record[k]
-        row[0], row[1], row[2], row[3] = read_state(at)
-        row[4], row[5] = run.force, run.asked
+        write_row(at.structures, at.targets, profile.rows[row])
+    run.marks.written = row
 
 
 @borrowing_kernel
+def apply_impulse(at, profile, run, k, inside):
+    """Apply the impulse at the start of step k or inside it, with the parameters in the model."""
+    i = min(k, len(profile.which) - 1)
+    split = profile.split[i]
+    if split < 0.0 or (split > 0.0) != inside:
+        return
+    n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :]
+    read_numbers(at.ctrl, inputs)
+    read_numbers(at.applied, forces[:n])
+    # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
+    impulse_jump(at, profile.impulse[i], forces[n:])
+    write_numbers(at.ctrl, inputs)
+    write_numbers(at.applied, forces[:n])
+    for j in range(n):
+        store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
+
+
+@inlined_kernel
+def _enter(at, plan, profile, run, record, k):
+    """Reach instant k: end the run there or continue it; record state, inputs and commands."""
+    criterion, state, marks, n = plan.criterion, run.after, run.marks, at.n
+    read_state(at, state)
+    marks.step = k
+    fallen = False
+    for i in range(n):
+        away = abs(deviation(state[i], criterion.target[i], criterion.wraps[i]))
+        run.peak[i] = max(run.peak[i], away)
+        if not (away <= criterion.bands[i] and abs(state[n + i]) <= criterion.bands[n + i]):
+            marks.unsettled = k + 1
+        if abs(state[i]) >= criterion.stops[i] and marks.at_stop < 0:
+            marks.at_stop = k
+        fallen = fallen or away >= criterion.ends[i]
+    if fallen:
+        marks.status = _FELL
+    elif criterion.dwell > 0 and k - marks.unsettled >= criterion.dwell:
+        marks.status = SETTLED
+    elif k == plan.steps:
+        marks.status = _COMPLETED
+    else:
+        write_plant(at, profile, run, k)
+        apply_impulse(at, profile, run, k, False)
+    if len(record) > 0:
+        read_state(at, record[k])
+        for i in range(at.k):
+            record[k, 2 * n + i], record[k, 2 * n + at.k + i] = (
+                run.drive[i].force,
+                run.drive[i].asked,
+            )
+
+
+@inlined_kernel
 def start(at, plan, profile, run, record, initial_state):
     """Put the plant at the start of its run.
 
-    record: Takes the columns of `RECORD` at each instant, shape (N + 1, 6), or (0, 6) for no
-        record.
-    initial_state: (z, phi, z_dot, phi_dot), shape (4,).
+    record: Takes state, exerted inputs and commands at each instant, shape (N + 1, 2 n + 2 k), or
+        (0, 2 n + 2 k) for no record.
+    initial_state: Shape (2 n,).
     """
-    x = initial_state
     mj_reset_data(at.model, at.data)
     store(at.timestep, plan.timestep)
-    write_state(at, x[0], x[1], x[2], x[3])
+    write_state(at, initial_state)
     _enter(at, plan, profile, run, record, 0)
 
 
-@borrowing_kernel
-def _step(at, plan, profile, k, length):
+@inlined_kernel
+def _step(at, plan, profile, run, k, length):
     """Take step k, cut in two where an impulse acts inside it."""
-    share = profile[min(k, len(profile) - 1)].split
+    share = profile.split[min(k, len(profile.split) - 1)]
     if share > 0.0:  # both parts have the parameters of the middle of the whole step
         store(at.timestep, share * plan.timestep * length)
         mj_step(at.model, at.data)
-        apply_impulse(at, profile, k, True)
+        apply_impulse(at, profile, run, k, True)
     if share > 0.0 or length < 1.0:
-        store(at.timestep, (1.0 - share) * plan.timestep * length)
+        store(at.timestep, (1.0 - max(share, 0.0)) * plan.timestep * length)
     mj_step(at.model, at.data)
     if share > 0.0 or length < 1.0:
         store(at.timestep, plan.timestep)
 
 
-@borrowing_kernel
-def advance(at, plan, actuator, profile, run, pending, record, command):
-    """Continue to the next control tick, or to the end of the run.
+@inlined_kernel
+def _take(at, plan, actuator, run, record):
+    """Take the commands of a tick; return whether the run goes on under them."""
+    marks = run.marks
+    for i in range(at.k):
+        drive, command = run.drive[i], run.command[i]
+        drive.asked, drive.max_command = command, max(drive.max_command, abs(command))
+        # of what was asked, before it is cut off
+        drive.beyond = command >= actuator[i].high or command <= actuator[i].low
+        run.command[i] = drive.command = within_reach(actuator[i], command)
+        drive.mean_force = 0.0
+    for i in range(at.k):
+        if not abs(run.command[i]) < STATE_LIMIT:
+            read_state(at, run.after)
+            marks.status = ending_of(plan.criterion, run.after)
+            if len(record) > 0:
+                for j in range(at.k):
+                    record[marks.step, 2 * at.n + at.k + j] = run.command[j]
+            return False
+    return True
 
-    command: Force that the controller commands [N]; NaN ends the run, and so does a force beyond
-        `STATE_LIMIT` that no limit of the drive cuts off.
-    """
-    first = run.step
-    run.asked, run.max_command = command, max(run.max_command, abs(command))
-    beyond = abs(command) >= actuator.limit  # of what was asked, before it is cut off
-    command = within_reach(actuator, command)
-    before = read_state(at)
-    if not abs(command) < STATE_LIMIT:
-        run.status = ending_of(before)
+
+@inlined_kernel
+def _drive(at, plan, actuator, profile, run, pending, record, k, length):
+    """Set what acts on the plant over step k."""
+    for i in range(at.k):
+        drive = run.drive[i]
+        force = actuate(actuator[i], drive, pending, i, run.command[i], k, length)
+        if drive.beyond:
+            drive.limited += length
         if len(record) > 0:
-            record[first, 5] = command
+            record[k, 2 * at.n + i], record[k, 2 * at.n + at.k + i] = drive.onset, drive.asked
+        drive.mean_force += force / plan.hold  # what an estimator with a force sensor sees
+        store(at.ctrl + 8 * i, force)
+    row = min(k, len(profile.push) - 1)
+    for i in range(at.k):
+        if profile.beside[row, i] != 0.0:
+            store(at.ctrl + 8 * i, load(at.ctrl + 8 * i) + profile.beside[row, i])
+    write_numbers(at.applied, profile.push[row])
+
+
+@inlined_kernel
+def advance(at, plan, actuator, profile, run, pending, record):
+    """Continue to the next control tick, or to the end of the run, under ``run.command``.
+
+    NaN among the commands ends the run, and so does one beyond `STATE_LIMIT` that no limit of the
+    drive cuts off.
+    """
+    first, criterion, marks = run.marks.step, plan.criterion, run.marks
+    if not _take(at, plan, actuator, run, record):
         return
-    run.command, run.mean_force = command, 0.0
     for k in range(first, min(first + plan.hold, plan.steps)):
         length = 1.0  # of this step, in steps: only the last may be shorter
         if k == plan.steps - 1 and plan.last < plan.timestep:
             length = plan.last / plan.timestep
         half = 0.5 * plan.timestep * length
-        force = actuate(actuator, run, pending, command, k, length)
-        if beyond:
-            run.limited += length
-        if len(record) > 0:
-            record[k, 4], record[k, 5] = run.onset, run.asked
-        before = read_state(at)
-        store(at.control, force)
-        store(at.push, profile[min(k, len(profile) - 1)].push)
-        _step(at, plan, profile, k, length)
-        after = read_state(at)
-        if not within_limits(after):
-            run.status = ending_of(before)
+        _drive(at, plan, actuator, profile, run, pending, record, k, length)
+        read_state(at, run.before)
+        _step(at, plan, profile, run, k, length)
+        read_state(at, run.after)
+        if not within_limits(run.after):
+            marks.status = ending_of(criterion, run.before)
             return
-        run.mean_force += force / plan.hold  # what an estimator with a force sensor sees
-        # trapezoidal rule, as of the metrics of a recorded run
-        run.iae_z += half * (abs(before[0]) + abs(after[0]))
-        run.iae_phi += half * (abs(before[1]) + abs(after[1]))
+        for i in range(at.n):  # trapezoidal rule, as of the metrics of a recorded run
+            target, wraps = criterion.target[i], criterion.wraps[i]
+            before = abs(deviation(run.before[i], target, wraps))
+            run.iae[i] += half * (before + abs(deviation(run.after[i], target, wraps)))
         _enter(at, plan, profile, run, record, k + 1)
-        if run.status != RUNNING:
+        if marks.status != RUNNING:
             return
 
 
@@ -221,10 +251,10 @@ def run_to_end(
     """Run the closed loop with a compiled controller from start to end."""
     start(at, plan, profile, run, record, initial_state)
     tick = 0
-    while run.status == RUNNING:
-        measured = sense(at, sensors, run, tick)
-        command = force_from_inputs(kind, measured, inputs[min(tick, len(inputs) - 1)])
-        advance(at, plan, actuator, profile, run, pending, record, command)
+    while run.marks.status == RUNNING:
+        sense(at, sensors, run, tick)
+        force_from_inputs(kind, run.measured, inputs[min(tick, len(inputs) - 1)], run.command)
+        advance(at, plan, actuator, profile, run, pending, record)
         tick += 1
 
 
@@ -244,25 +274,28 @@ def run_estimating(
     settings,
     estimates,
 ):
-    """Run the closed loop with a controller whose M, l and state are estimated.
+    """Run the cart-pole in closed loop with a controller whose M, l and state are estimated.
 
     estimates: Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
     """
     kind, table, masses, lengths = compiled
     start(at, plan, profile, run, record, initial_state)
     tick = 0
-    while run.status == RUNNING:
-        z, phi, _, _ = sense(at, sensors, run, tick)
+    while run.marks.status == RUNNING:
+        sense(at, sensors, run, tick)
+        z, phi, drive = run.measured[0], run.measured[1], run.drive[0]
         # the estimate of this tick uses the force since the last: no algebraic loop
         if tick == 0:
             mass, length = begin_estimate(filter_, settings, z, phi)
         else:
-            force = run.mean_force if settings.force_sensed else run.command
+            force = drive.mean_force if settings.force_sensed else drive.command
             mass, length = update_estimate(filter_, settings, z, phi, force, sensors.period)
         z, phi, z_dot, phi_dot = filtered_state(filter_)
         if tick < len(estimates):
             estimates[tick, 0], estimates[tick, 1] = mass, length
         assumed = (mass, settings.pole_mass, length, settings.gravity)
-        command = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
-        advance(at, plan, actuator, profile, run, pending, record, command)
+        run.command[0] = compiled_force(
+            kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
+        )
+        advance(at, plan, actuator, profile, run, pending, record)
         tick += 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,18 +14,19 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import Task, require_threads, share
 from afl_mujoco.scenario.files import as_scenarios
-from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import DWELL, Judgement, failure_of, judge, judge_ending
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.metrics import effort_names
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.sampled.hardware import RunState
 from afl_mujoco.simulation.sampled.runs import Timing, perform, prepare, recorded, timing_of
 from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome, Trajectory
-
-_SUMMED = ("peak_z", "peak_phi", "max_command", "max_force", "iae_z", "iae_phi")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,32 +39,27 @@ class Rollouts:
         How each ended: 0 completed, 1 fell, 2 diverged.
     end_time
         When it ended [s].
-    peak_z, peak_phi
-        Largest abs(z) [m] and abs(phi) [rad] up to then.
-    max_command, max_force
-        Largest abs(force) that the controller asked for, and that the drive exerted [N].
-    iae_z, iae_phi
-        Integrals of abs(z) [m s] and abs(phi) [rad s] up to then.
-    settling_time
-        Time from which abs(z) and abs(phi) stayed within the bands of the requirements [s]; NaN if
-        it is less than a second before the end, or the run did not complete.
-    stop_time
-        When the cart first reached an end stop [s]; NaN if it never did.
+    figures
+        Figures by name, also attributes: of each coordinate the largest deviation (`peak_z` [m],
+        `peak_phi` [rad]) and the integral of its magnitude (`iae_z` [m s], `iae_phi` [rad s]) up to
+        then; of each input the largest that was asked for and exerted (`max_command`, `max_force`
+        [N]); `settling_time` [s], from which the coordinates stayed within their bands, NaN if that
+        is less than a second before the end or the run did not complete; `stop_time` [s], when a
+        coordinate first reached an end stop, NaN if none did.
     requirements
         How each run meets the requirements of its scenario.
     """
 
     status: NDArray[np.int64]
     end_time: NDArray[np.float64]
-    peak_z: NDArray[np.float64]
-    peak_phi: NDArray[np.float64]
-    max_command: NDArray[np.float64]
-    max_force: NDArray[np.float64]
-    iae_z: NDArray[np.float64]
-    iae_phi: NDArray[np.float64]
-    settling_time: NDArray[np.float64]
-    stop_time: NDArray[np.float64]
+    figures: Mapping[str, NDArray[np.float64]]
     requirements: tuple[tuple[Judgement, ...], ...]
+
+    def __getattr__(self, name: str) -> NDArray[np.float64]:
+        """Return a figure of every run."""
+        if name.startswith("_") or name not in self.figures:
+            raise AttributeError(name)
+        return self.figures[name]
 
     def __len__(self) -> int:
         """Return how many runs there were."""
@@ -104,7 +100,7 @@ class Rollout(NamedTuple):
     """One run: how it ended, its figures by name, how it meets its requirements."""
 
     outcome: Outcome
-    figures: dict[str, float]  # fields of `Rollouts`, NaN for a missing one
+    figures: dict[str, float]  # those of `Rollouts`, NaN for a missing one
     requirements: tuple[Judgement, ...]
     trajectory: Trajectory | None  # where it is kept
 
@@ -156,11 +152,12 @@ def run_rollouts(
         integrator=integrator, threads=threads,
     )  # fmt: skip
     runs = [one for one in found if isinstance(one, Rollout)]
-    names = Rollouts.__slots__[1:-1]
+    names = runs[0].figures if runs else ()
     return Rollouts(
         status=np.array([OUTCOMES.index(run.outcome.kind) for run in runs], dtype=np.int64),
+        end_time=np.array([run.outcome.time for run in runs]),
+        figures={name: np.array([run.figures[name] for run in runs]) for name in names},
         requirements=tuple(run.requirements for run in runs),
-        **{name: np.array([run.figures[name] for run in runs]) for name in names},
     )
 
 
@@ -183,50 +180,55 @@ def roll_out(
     found: list[Any] = [None] * len(scenarios)
     settings: Any = {"timestep": timestep, "control_period": control_period}
 
-    def run(model: CartPoleModel, scenario: Scenario) -> Rollout:
-        model.set_imperfections(scenario.imperfections, scenario.parameters_at(0.0))
-        model.compute_only(scenario.imperfections)
+    def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Rollout:
+        if scenario.plant not in models:
+            models[scenario.plant] = SimulatedModel(scenario.plant, integrator=integrator)
+        model = models[scenario.plant]
+        model.set_imperfections(scenario.imperfections)
+        model.compute_only()
+        own = bound(controller, scenario)
         timing = timing_of(scenario, model, **settings)
-        prepared = prepare(scenario, controller, timing)
+        prepared = prepare(model, scenario, own, timing)
         asked = scenario.requirements != NONE
-        done, rows = perform(model, prepared, controller, record=keep or asked)
-        ended = Outcome(OUTCOMES[int(done["status"])], float(timing.times[int(done["step"])]))
-        whole = None
+        done, rows = perform(model, prepared, own, record=keep or asked)
+        status, step = int(done.marks["status"]), int(done.marks["step"])
+        ended, whole = Outcome(OUTCOMES[status], float(timing.times[step])), None
         if keep or asked:
-            whole = recorded(scenario, controller, timing, done, rows, integrator)
+            whole = recorded(scenario, own, timing, done, rows, integrator)
         if asked and whole is not None:
             judged = judge(scenario, whole)
         else:  # which needs no record
-            judged = judge_ending(scenario, ended, float(done["peak_z"]))
-        return Rollout(ended, _figures(done, timing), judged, whole if keep else None)
+            judged = judge_ending(scenario, ended, done.peak.tolist())
+        figures = _figures(scenario.plant, done, timing)
+        return Rollout(ended, figures, judged, whole if keep else None)
 
-    def task_on(model: CartPoleModel) -> Task:
+    def task_on(models: dict[Plant, SimulatedModel]) -> Task:
         def run_part(part: slice) -> None:
             for i in range(part.start, part.stop):
                 try:
-                    found[i] = run(model, scenarios[i])
+                    found[i] = run(models, scenarios[i])
                 except caught as error:
                     found[i] = error
 
         return run_part
 
     alone = controller.interpreted  # threads do not speed it up; here it can be stopped
-    models = [
-        CartPoleModel(NOMINAL, integrator=integrator)
-        for _ in range(1 if alone else min(threads, max(len(scenarios), 1)))
-    ]
-    share(len(scenarios), [task_on(model) for model in models], part=1)
+    count = 1 if alone else min(threads, max(len(scenarios), 1))
+    tasks = [task_on({}) for _ in range(count)]
+    share(len(scenarios), tasks, part=1)
     return found
 
 
-def _figures(run: Any, timing: Timing) -> dict[str, float]:
+def _figures(plant: Plant, run: RunState, timing: Timing) -> dict[str, float]:
     """Return the figures of a run."""
-    times, steps, settled = timing.times, int(run["step"]), int(run["unsettled"])
+    marks, times = run.marks, timing.times
+    steps, settled, stopped = (int(marks[name]) for name in ("step", "unsettled", "at_stop"))
     dwelled = settled <= steps and times[steps] - times[settled] >= DWELL - SNAP * timing.timestep
-    completed = OUTCOMES[int(run["status"])] == COMPLETED
-    return {
-        "end_time": float(times[steps]),
-        **{name: float(run[name]) for name in _SUMMED},
-        "settling_time": float(times[settled]) if completed and dwelled else math.nan,
-        "stop_time": float(times[run["at_stop"]]) if run["at_stop"] >= 0 else math.nan,
-    }
+    completed = OUTCOMES[int(marks["status"])] == COMPLETED
+    found = {f"peak_{name}": float(x) for name, x in zip(plant.coordinates, run.peak, strict=True)}
+    for name, drive in zip(plant.inputs, run.drive, strict=True):
+        command, force, *_ = effort_names(plant.inputs, name)
+        found[command], found[force] = float(drive["max_command"]), float(drive["max_force"])
+    found |= {f"iae_{name}": float(x) for name, x in zip(plant.coordinates, run.iae, strict=True)}
+    found["settling_time"] = float(times[settled]) if completed and dwelled else math.nan
+    return {**found, "stop_time": float(times[stopped]) if stopped >= 0 else math.nan}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -23,20 +24,26 @@ from afl_mujoco.scenario.sampling import (
     step_times,
 )
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
+from afl_mujoco.simulation.metrics import effort_names
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
-    RECORD,
     RUNNING,
-    Actuator,
+    RunState,
     Sensors,
-    actuator_of,
+    actuators_of,
     new_run,
     no_commands,
     sense,
     sensors_of,
 )
-from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble
+from afl_mujoco.simulation.trajectory import (
+    OUTCOMES,
+    Outcome,
+    Trajectory,
+    assemble,
+    criterion_of,
+)
 
 LONG_AGO = 1e9
 """Before that nothing was known of the plant [s]; a longer delay is the same."""
@@ -51,8 +58,8 @@ class PreparedRun:
 
     plan: loop.Plan  # its numbers
     sensors: Sensors
-    actuator: Actuator
-    profile: NDArray[Any]  # what happens to the plant, as in `loop.start`
+    actuators: NDArray[Any]
+    profile: loop.Profile  # what happens to the plant
     initial_state: NDArray[np.float64]
     # inputs of the controller at each control tick, as in `loop.run_to_end`
     inputs: NDArray[np.float64]
@@ -103,14 +110,14 @@ def ticks_of(
 
 def timing_of(
     scenario: Scenario,
-    model: CartPoleModel,
+    model: SimulatedModel,
     *,
     timestep: float | None = None,
     control_period: float | None = None,
 ) -> Timing:
     """Return the instants of a run, its step fine enough for the damping in the model."""
     asked = ticks_of(scenario, timestep, control_period)
-    ticks = fine_enough(asked, model.decay_rate(scenario.plants))
+    ticks = fine_enough(asked, model.decay_rate(scenario.spans))
     return Timing(
         timestep=ticks.timestep,
         hold=ticks.hold,
@@ -123,7 +130,7 @@ def timing_of(
 def fine_enough(ticks: Ticks, rate: float) -> Ticks:
     """Return ticks whose physics steps are no longer than the fastest decay, or raise.
 
-    rate: `CartPoleModel.decay_rate` [1/s].
+    rate: `SimulatedModel.decay_rate` [1/s].
     """
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
@@ -133,7 +140,9 @@ def fine_enough(ticks: Ticks, rate: float) -> Ticks:
     return Ticks(step, finer * ticks.hold) if finer > 1 else ticks
 
 
-def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> PreparedRun:
+def prepare(
+    model: SimulatedModel, scenario: Scenario, controller: Controller, timing: Timing
+) -> PreparedRun:
     """Sample all inputs of a scenario on the steps and ticks of a run."""
     s, r = scenario, scenario.imperfections
     times, hold, period = timing.times, timing.hold, timing.period
@@ -142,62 +151,83 @@ def prepare(scenario: Scenario, controller: Controller, timing: Timing) -> Prepa
     changing = min(math.ceil(last / timing.timestep) + 1, count)
     known_until = min(last + r.parameter_delay, s.duration)
     ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    pole_mass, gravity = s.told_constants
-    known = replace(s, belief=TRUTH) if controller.estimates else s  # it is told neither M nor l
-    told = told_parameters(known, ticks * hold * timing.timestep)
+    told = told_parameters(s, ticks * hold * timing.timestep)
+    given = told
+    if controller.estimates:  # it is told neither M nor l
+        given = told_parameters(replace(s, belief=TRUTH), ticks * hold * timing.timestep)
+        given[:, 1], given[:, 3] = told[:, 1], told[:, 3]
     return PreparedRun(
         plan=loop.Plan(
             steps=count,
             hold=hold,
             timestep=timing.timestep,
             last=timing.last,
-            pole_mass=s.pole_mass,
-            gravity=s.gravity,
-            rail=math.inf if s.rail is None else s.rail,
-            criterion=loop.Criterion(z=s.requirements.band("z"), phi=s.requirements.band("phi")),
+            criterion=criterion_of(s),
         ),
-        sensors=sensors_of(r, period),
-        actuator=actuator_of(r, timing.timestep, count),
-        profile=input_profile(s, times[: min(changing + 1, count) + 1]),
+        sensors=sensors_of(s, period),
+        actuators=actuators_of(s, model.limits, timing.timestep, count),
+        profile=input_profile(model, s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
         estimator=controller.estimator_for(
-            replace(s.parameters_at(0.0), pole_mass=pole_mass, gravity=gravity)
-        ),
-        inputs=controller.inputs_along_run(*told, pole_mass, gravity),
+            replace(s.parameters_at(0.0), pole_mass=told[0, 1], gravity=told[0, 3])
+        )
+        if controller.estimates
+        else None,
+        inputs=controller.inputs_for(s.plant, given),
     )
 
 
 def last_change(scenario: Scenario) -> float:
     """Return when anything prescribed changes for the last time [s]; 0 if nothing does."""
-    sources = (scenario.cart_mass, scenario.half_length, *scenario.disturbances)
+    sources = (*scenario.schedule.values(), *scenario.disturbances)
     return max((t for source in sources for t in source.breakpoints), default=0.0)
 
 
-def told_parameters(
-    scenario: Scenario, times: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return M [kg] and l [m] as a controller is told them at some times, late and with an error.
+def told_parameters(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return parameters as a controller is told them at some times, late and with an error.
 
     times: Times of its control ticks [s].
+    Returns ndarray: Shape (N, parameters).
     """
     late = scenario.imperfections.parameter_delay
-    known_at = instants(np.maximum(times - late, -LONG_AGO))
-    masses = scenario.told("cart_mass", scenario.cart_mass(known_at))
-    return masses, scenario.told("half_length", scenario.half_length(known_at))
+    return scenario.told_values(instants(np.maximum(times - late, -LONG_AGO)))
 
 
-def input_profile(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[Any]:
+def input_profile(
+    model: SimulatedModel, scenario: Scenario, times: NDArray[np.float64]
+) -> loop.Profile:
     """Return what happens to the plant in each step of a grid.
 
     times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
     """
+    values = scenario.values(0.5 * (times[:-1] + times[1:]))
+    changed = np.ones(len(values), dtype=np.bool_)
+    changed[1:] = (values[1:] != values[:-1]).any(axis=1)
+    held = held_disturbances(scenario, times)
+    push, beside = model.generalised(held.push)
+    impulse, at_site = model.generalised(held.impulse)
+    if at_site.any():
+        rule = "must name a coordinate: this input does not act on one joint"
+        raise InvalidValueError("impulse on an input", rule)
+    return loop.Profile(
+        rows=np.ascontiguousarray(model.rows(values[changed])),
+        which=np.cumsum(changed) - 1,
+        push=push,
+        beside=beside,
+        impulse=impulse,
+        split=held.split,
+        joins=_joins(scenario, times),
+    )
+
+
+def _joins(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return 1 for the steps of a grid at whose start a mass joins at rest, else 0."""
+    found = np.zeros(len(times) - 1, dtype=np.int64)
     middles = 0.5 * (times[:-1] + times[1:])
-    profile = np.empty(len(middles), loop.PROFILE)
-    profile["cart_mass"] = scenario.cart_mass(middles)
-    profile["half_length"] = scenario.half_length(middles)
-    for name, values in held_disturbances(scenario, times)._asdict().items():
-        profile[name] = values
-    return profile
+    for time in scenario.joins:
+        if (k := int(np.searchsorted(middles, time))) < len(found):
+            found[k] = 1
+    return found
 
 
 def _grid(count: int) -> NDArray[np.float64]:
@@ -206,24 +236,24 @@ def _grid(count: int) -> NDArray[np.float64]:
 
 
 def perform(
-    model: CartPoleModel,
+    model: SimulatedModel,
     prepared: PreparedRun,
     controller: Controller,
     *,
     record: bool,
     estimates: NDArray[np.float64] | None = None,
-) -> tuple[Any, NDArray[np.float64]]:
+) -> tuple[RunState, NDArray[np.float64]]:
     """Run the loop from start to end.
 
     estimates: Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
-    Returns record: Columns of `RECORD`, shape (N + 1, 6), or (0, 6) if they are not kept; a run
-        that ends early fills only the first rows.
+    Returns record: State, exerted inputs and commands, shape (N + 1, 2 n + 2 k), or (0, 2 n + 2 k)
+        if they are not kept; a run that ends early fills only the first rows.
     """
-    at, plan, actuator = model.addresses, prepared.plan, prepared.actuator
-    run, pending = new_run(), no_commands(actuator)
-    rows = np.empty((plan.steps + 1 if record else 0, len(RECORD)))
+    at, plan, actuators = model.addresses, prepared.plan, prepared.actuators
+    run, pending = new_run(at.n, at.k), no_commands(actuators)
+    rows = np.empty((plan.steps + 1 if record else 0, 2 * at.n + 2 * at.k))
     plant = (at, plan, prepared.profile, run)
-    devices = (prepared.initial_state, prepared.sensors, actuator)
+    devices = (prepared.initial_state, prepared.sensors, actuators)
     if (estimator := prepared.estimator) is not None:
         kept = np.empty((0, 2)) if estimates is None else estimates
         filter_ = (estimator.compiled, new_filter(), estimator.settings, kept)
@@ -233,12 +263,12 @@ def perform(
     else:
         own, tick = controller.start(), 0
         loop.start(*plant, rows, prepared.initial_state)
-        while run["status"] == RUNNING:
-            measured = sense(at, prepared.sensors, run, tick)
+        while run.marks["status"] == RUNNING:
+            sense(at, prepared.sensors, run, tick)
             time = tick * plan.hold * plan.timestep
             given = prepared.inputs[min(tick, len(prepared.inputs) - 1)]
-            command = own.command(time, measured, given)
-            loop.advance(at, plan, actuator, *plant[2:], pending, rows, command)
+            run.command[:] = own.command(time, run.measured.copy(), given)
+            loop.advance(at, plan, actuators, *plant[2:], pending, rows)
             tick += 1
     return run, rows
 
@@ -250,19 +280,17 @@ def simulate_sampled(
     timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
-    model: CartPoleModel | None = None,
+    model: SimulatedModel | None = None,
     estimates: NDArray[np.float64] | None = None,
 ) -> Trajectory:
     """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode."""
     if model is None:
-        model = CartPoleModel(
-            scenario.parameters_at(0.0),
-            integrator=integrator,
-            imperfections=scenario.imperfections,
+        model = SimulatedModel(
+            scenario.plant, integrator=integrator, imperfections=scenario.imperfections
         )
-        model.compute_only(scenario.imperfections)
+        model.compute_only()
     timing = timing_of(scenario, model, timestep=timestep, control_period=control_period)
-    prepared = prepare(scenario, controller, timing)
+    prepared = prepare(model, scenario, controller, timing)
     run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
     return recorded(scenario, controller, timing, run, rows, integrator)
 
@@ -271,12 +299,12 @@ def recorded(
     scenario: Scenario,
     controller: Controller,
     timing: Timing,
-    run: Any,
+    run: RunState,
     rows: NDArray[np.float64],
     integrator: str,
 ) -> Trajectory:
     """Return the trajectory of a recorded run from what `perform` returned."""
-    count = int(run["step"])
+    count, k = int(run.marks["step"]), len(scenario.plant.inputs)
     settings = {
         "timestep": timing.timestep,
         "control_period": timing.period,
@@ -284,30 +312,37 @@ def recorded(
     }
     if timing.asked != timing.timestep:
         settings["asked_timestep"] = timing.asked
+    kept = rows[: count + 1]
+    states, inputs, commands = np.split(kept, [kept.shape[1] - 2 * k, kept.shape[1] - k], axis=1)
+    if k == 1:
+        inputs, commands = inputs[:, 0], commands[:, 0]
     return assemble(
         scenario,
         controller,
         "mujoco sampled",
         settings,
         timing.times,
-        rows[: count + 1, :4],
-        Outcome(OUTCOMES[int(run["status"])], float(timing.times[count])),
-        rows[: count + 1, 4],
-        command=rows[: count + 1, 5],
-        effort=effort_of(run, timing),
+        states,
+        Outcome(OUTCOMES[int(run.marks["status"])], float(timing.times[count])),
+        inputs,
+        command=commands,
+        effort=effort_of(scenario.plant.inputs, run, timing),
     )
 
 
-def effort_of(run: Any, timing: Timing) -> dict[str, float]:
-    """Return the figures of command and exerted force, exact for their course within the steps."""
-    ended = float(timing.times[int(run["step"])])
-    return {
-        "max_command": float(run["max_command"]),
-        "max_force": float(run["max_force"]),
-        "force_squared": float(run["force_squared"]) * timing.timestep,
-        "force_variation": float(run["force_variation"]),
-        "limited_share": float(run["limited"]) * timing.timestep / ended if ended else 0.0,
-    }
+def effort_of(inputs: Sequence[str], run: RunState, timing: Timing) -> dict[str, float]:
+    """Return the figures of commands and inputs, exact for their course within the steps."""
+    ended = float(timing.times[int(run.marks["step"])])
+    found: dict[str, float] = {}
+    for name, drive in zip(inputs, run.drive, strict=True):
+        names = effort_names(inputs, name)
+        share = float(drive["limited"]) * timing.timestep / ended if ended else 0.0
+        squared = float(drive["force_squared"]) * timing.timestep
+        largest = (float(drive["max_command"]), float(drive["max_force"]))
+        found |= dict(
+            zip(names, (*largest, squared, float(drive["force_variation"]), share), strict=True)
+        )
+    return found
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, replace
 from hashlib import sha256
 from typing import Any
 
@@ -25,19 +25,16 @@ from afl_mujoco.plant.dynamics import (
     pole_acceleration,
     velocity_jump,
 )
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.library import write_row
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.scenario.sampling import held_disturbances
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import staircase
-from afl_mujoco.simulation.integrator import WORK, rk4_step
-from afl_mujoco.simulation.mujoco_model import (
-    CartPoleModel,
-    forward,
-    impulse_jump,
-    write_parameters,
-)
+from afl_mujoco.simulation.integrator import along_z, rk4_step, work_space
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, impulse_jump, write_state
 from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_rates, row_of
@@ -76,17 +73,28 @@ def random_plant(rng: np.random.Generator) -> CartPoleParameters:
     return CartPoleParameters(**{key: rng.uniform(_LOW[key], _HIGH[key]) for key in _LOW})
 
 
+def _changes(model: SimulatedModel, plants: Sequence[CartPoleParameters]) -> Iterator[None]:
+    """Make the model each of some plants in turn."""
+    at = model.addresses
+    for row in model.rows(np.array([astuple(p) for p in plants])):
+        write_row(at.structures, at.targets, row)
+        yield
+
+
 def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
     """Return the largest scaled difference between MuJoCo's qacc and (P3), (P4)."""
-    model = CartPoleModel(NOMINAL)
+    model = SimulatedModel(CART_POLE)
+    ends = (10.0, np.pi, 10.0, 10.0)
+    draws = [
+        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
+        for _ in range(states)
+    ]
     worst = 0.0
-    for _ in range(states):
-        p = random_plant(rng)
-        z, phi, z_dot, phi_dot = rng.uniform(-1.0, 1.0, 4) * (10.0, np.pi, 10.0, 10.0)
-        force = rng.uniform(-200.0, 200.0)
-        model.set_parameters(p)
-        measured = np.array(forward(model.addresses, z, phi, z_dot, phi_dot, force, 0.0))
-        plant = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    changes = _changes(model, [p for p, *_ in draws])
+    for (p, state, force), _ in zip(draws, changes, strict=True):
+        measured = model.accelerations(state, force)
+        _, phi, _, phi_dot = state
+        plant = astuple(p)
         expected = np.array(
             [
                 cart_acceleration(phi, phi_dot, force, *plant),
@@ -103,16 +111,17 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
 
     The velocity jump under an ideal impulse, which follows from its inverse, counts as well.
     """
-    model = CartPoleModel(NOMINAL)
-    worst = 0.0
-    for _ in range(states):
-        p = random_plant(rng)
-        state = np.array([0.0, rng.uniform(-np.pi, np.pi), 0.0, 0.0])
-        model.set_parameters(p)
+    model = SimulatedModel(CART_POLE)
+    draws = [(random_plant(rng), rng.uniform(-np.pi, np.pi)) for _ in range(states)]
+    jumped, worst = np.empty(2), 0.0
+    changes = _changes(model, [p for p, _ in draws])
+    for (p, phi), _ in zip(draws, changes, strict=True):
+        state = np.array([0.0, phi, 0.0, 0.0])
         columns = [momenta(model, np.array([*state[:2], *unit])) for unit in np.eye(2)]
         expected = mass_matrix(state, p)
         error = np.abs(np.stack(columns, axis=1) - expected) / np.abs(expected).max()
-        jumped = np.array(impulse_jump(model.addresses, *state.tolist(), 1.0))
+        write_state(model.addresses, state)
+        impulse_jump(model.addresses, np.array([1.0, 0.0]), jumped)
         jump = velocity_jump(state, 1.0, p)
         jump_error = np.abs(jumped - jump).max() / np.abs(jump).max()
         worst = max(worst, float(error.max()), float(jump_error))
@@ -125,19 +134,24 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
     Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
     changes no acceleration, and neither do twice the masses under twice the force.
     """
-    model = CartPoleModel(NOMINAL)
+    model = SimulatedModel(CART_POLE)
+    ends = (10.0, 1.5, 10.0, 10.0)
+    draws = [
+        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
+        for _ in range(states)
+    ]
+    plants = [p for p, *_ in draws]
+    twice = [replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass) for p in plants]
+    as_drawn, heavier = _changes(model, plants), _changes(model, twice)
     exact = shift = 0.0
-    for _ in range(states):
-        p = random_plant(rng)
-        state = rng.uniform(-1.0, 1.0, 4) * (10.0, 1.5, 10.0, 10.0)
-        force = rng.uniform(-200.0, 200.0)
-        at = model.addresses
-        model.set_parameters(p)
-        here = np.array(forward(at, *state.tolist(), force, 0.0))
-        mirrored = np.array(forward(at, *(-state).tolist(), -force, 0.0))
-        shifted = np.array(forward(at, float(state[0]) + 1.0, *state[1:].tolist(), force, 0.0))
-        model.set_parameters(replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass))
-        scaled = np.array(forward(at, *state.tolist(), 2.0 * force, 0.0))
+    for p, state, force in draws:
+        next(as_drawn)
+        here, mirrored, shifted = (
+            model.accelerations(x, u)
+            for x, u in ((state, force), (-state, -force), (state + np.eye(4)[0], force))
+        )
+        next(heavier)
+        scaled = model.accelerations(state, 2.0 * force)
         odd = control_force(state, p, FIXED_GAINS) + control_force(-state, p, FIXED_GAINS)
         exact = max(exact, float(np.abs([here + mirrored, here - scaled]).max()), float(abs(odd)))
         shift = max(shift, float((np.abs(here - shifted) / (1.0 + np.abs(here))).max()))
@@ -146,15 +160,16 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
 
 def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
     """Count the numbers in which a mutated model, or its qacc, differs from a fresh compile."""
-    mutated = CartPoleModel(NOMINAL, edit=add_passive_physics)
+    mutated = SimulatedModel(CART_POLE, edit=add_passive_physics)
     stale = 0
     for _ in range(plants):
-        p = random_plant(rng)
-        mutated.set_parameters(p)
-        fresh = CartPoleModel(p, edit=add_passive_physics)
-        stale += differing_numbers(mutated.mj_model, fresh.mj_model)
+        values = np.array(astuple(random_plant(rng)))
+        mutated.write(values)
+        fresh = mutated.writer.compile(mutated.rows(values)[0])
+        stale += differing_numbers(mutated.mj_model, fresh)
         state = rng.uniform(-1.0, 1.0, 4) * (1.2, np.pi, 5.0, 5.0)
-        stale += int(np.sum(_qacc(mutated, state) != _qacc(fresh, state)))
+        there = _qacc(mutated.mj_model, mutated.mj_data, state)
+        stale += int(np.sum(there != _qacc(fresh, mujoco.MjData(fresh), state)))
     return stale
 
 
@@ -187,10 +202,15 @@ def add_passive_physics(spec: mujoco.MjSpec) -> None:
     )
 
 
-def _qacc(model: CartPoleModel, state: np.ndarray) -> np.ndarray:
+def _qacc(
+    model: mujoco.MjModel, data: mujoco.MjData, state: NDArray[np.float64]
+) -> NDArray[np.float64]:
     """Return MuJoCo's accelerations at a state, solved from a cold start."""
-    mujoco.mj_resetData(model.mj_model, model.mj_data)
-    return np.array(forward(model.addresses, *state.tolist(), 3.0, 0.0))
+    mujoco.mj_resetData(model, data)
+    data.qpos, data.qvel, data.ctrl = state[:2], state[2:], 3.0
+    mujoco.mj_forward(model, data)
+    found: NDArray[np.float64] = data.qacc.copy()
+    return found
 
 
 # --- closed loops ---------------------------------------------------------------------------------
@@ -249,22 +269,23 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     plants = np.zeros((len(middles), 9))  # as of `segment_numbers`
     plants[:, 1], plants[:, 5] = scenario.cart_mass(middles), scenario.pole_mass
     plants[:, 3], plants[:, 6] = scenario.half_length(middles), scenario.gravity
-    plants[:, 7] = held_disturbances(scenario, run.time).push
+    plants[:, 7] = [along_z(one) for one in held_disturbances(scenario, run.time).push]
     jumped = np.zeros(len(plants), dtype=np.bool_)
     for disturbance in scenario.disturbances:
         if isinstance(disturbance, Impulse):
             ends = run.time[1:] + SLACK
             jumped |= (ends - timestep <= disturbance.time) & (disturbance.time < ends)
-    return float(_one_step_difference(run.state, run.force, plants, timestep, jumped))
+    arrays = (run.state, run.force, plants)
+    return float(_one_step_difference(*arrays, timestep, jumped, work_space(4)))
 
 
 @kernel
-def _one_step_difference(states, forces, plants, timestep, jumped):
+def _one_step_difference(states, forces, plants, timestep, jumped, work):
     """Return the largest difference between each state and an RK4 step from the one before.
 
     A state that an impulse has just changed is left out.
     """
-    worst, after, work = 0.0, np.empty(4), np.empty(WORK)
+    worst, after = 0.0, np.empty(4)
     for k in range(len(plants)):
         if jumped[k]:
             continue
@@ -370,14 +391,13 @@ def required_forces(time: float) -> tuple[float, float]:
 
 def manufactured_study() -> tuple[Study, float]:
     """Return RK4's and DOP853's errors around MuJoCo's dynamics on the manufactured motion."""
-    at = (model := CartPoleModel(NOMINAL)).addresses
-    work = np.empty(WORK)
+    model, work = SimulatedModel(CART_POLE), work_space(4)
 
     def rate(time: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
         _, (mass, length), _ = manufactured(time)
-        write_parameters(at, mass, NOMINAL.pole_mass, length, NOMINAL.gravity)
+        model.write(np.array([mass, NOMINAL.pole_mass, length, NOMINAL.gravity]))
         force, torque = required_forces(time)
-        return np.array([*state[2:], *forward(at, *state.tolist(), force, 0.0, torque)])
+        return np.array([*state[2:], *model.accelerations(state, force, (0.0, torque))])
 
     def rates(_: None, time: float, state: NDArray[np.float64], slopes: Any) -> None:
         slopes[:] = rate(time, state)
@@ -390,5 +410,4 @@ def manufactured_study() -> tuple[Study, float]:
             rk4_step(rates, None, k * h, h, state, work, state)
         errors.append(float(np.abs(state - end).max()))
     exactness = float(np.abs(last_state(rate, start, MANUFACTURED_DURATION) - end).max())
-    del model  # its addresses must outlive every call of rate
     return Study(MANUFACTURED_STEPS, tuple(errors)), exactness

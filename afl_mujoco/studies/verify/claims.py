@@ -12,10 +12,11 @@ import numpy as np
 from afl_mujoco.control.law import linearizing_force
 from afl_mujoco.files import read_json
 from afl_mujoco.plant.dynamics import acceleration
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.report.blocks import Status
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.simulation.metrics import STATES, Metrics
+from afl_mujoco.simulation.metrics import Metrics
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
@@ -181,7 +182,7 @@ def performance_claims(runs: Runs, tried: Readings) -> Iterator[Claim]:
 
 def _settled(figures: Metrics) -> float | None:
     """Return when the last state entered its 2 % band for good, or None if one never did."""
-    times = [figures[f"settling_2pc_{x}"] for x in STATES]
+    times = [figures[f"settling_2pc_{x}"] for x in CART_POLE.states]
     return None if None in times else max(t for t in times if t is not None)
 
 
@@ -232,7 +233,7 @@ def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:
 
 def _overshoot_and_settling(runs: Runs) -> Claim:
     """C7: overshoot and settling time of every state fall in every case."""
-    names = [f"{kind}_{x}" for kind in ("overshoot", "settling_2pc") for x in STATES]
+    names = [f"{kind}_{x}" for kind in ("overshoot", "settling_2pc") for x in CART_POLE.states]
     cut = [
         _less(runs[case, ADAPTIVE][name], runs[case, FIXED][name])
         for case in PUBLISHED_IMPROVEMENT

@@ -108,22 +108,25 @@ def continuous_study(scenario: Scenario, controller: Controller, reference: Traj
 
 
 def sampled_study(
-    scenario: Scenario, controller: Controller, reference: Trajectory
+    scenario: Scenario,
+    controller: Controller,
+    reference: Trajectory,
+    steps: tuple[float, ...] = STEPS,
 ) -> tuple[Study, float]:
-    """Return the error of sampled mode against the ODE, over `STEPS`, and Richardson's residue.
+    """Return the error of sampled mode against the ODE, over steps, and Richardson's residue.
 
     The residue is the error of the extrapolation from the two smallest steps.
     """
     on_grid = np.isin(np.round(reference.time / STEPS[0], 6) % 1.0, (0.0, 1.0))
     wanted = reference.time[on_grid]
     states = []
-    for h in STEPS:
+    for h in steps:
         run = simulate_mujoco(scenario, controller, "sampled", timestep=h)
         states.append(run.state[np.searchsorted(run.time, wanted - 1e-9)])
     truth = reference.state[on_grid]
     errors = tuple(float(np.abs(state - truth).max()) for state in states)
     extrapolated = 2.0 * states[-1] - states[-2]
-    return Study(STEPS, errors), float(np.abs(extrapolated - truth).max())
+    return Study(steps, errors), float(np.abs(extrapolated - truth).max())
 
 
 def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
@@ -132,7 +135,7 @@ def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
     Ideal impulses are left out: they act with the parameters of a step's middle, which on a
     ramp is an error of order 1 of its own.
     """
-    if not any(s.cart_mass[1] or s.half_length[1] for s in scenario.segments):
+    if not any(rate for segment in scenario.segments for _, rate in segment.lines):
         return None
     calm = tuple(d for d in scenario.disturbances if not isinstance(d, Impulse))
     scenario = replace(scenario, disturbances=calm)
@@ -154,7 +157,7 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     errors = []
     for h in steps:
         model = CartPoleModel(p, timestep=h, integrator=integrator)
-        write_state(model.addresses, *start.tolist())
+        write_state(model.addresses, start)
         mujoco.mj_step(model.mj_model, model.mj_data, round(1.0 / h))
         state = np.concatenate([model.mj_data.qpos, model.mj_data.qvel])
         errors.append(float(np.abs(state - truth).max()))

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.sampling import step_times
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.metrics import STATES
+from afl_mujoco.simulation.integrator import along_z
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.arrays import Array
 
@@ -92,7 +93,7 @@ def select_curves(
         time=time,
         cart_mass=scenario.cart_mass(time),
         half_length=scenario.half_length(time),
-        push=scenario.pushes(time),
+        push=np.array([along_z(one) for one in scenario.pushes(time)]),
         states={name: state[kept[: len(state)]] for name, state in states.items()},
         forces={name: force[kept[: len(force)]] for name, force in forces.items()},
     )
@@ -173,7 +174,7 @@ def _signals(
     time: NDArray[np.float64], one: Curves, simulator: str
 ) -> dict[str, NDArray[np.float64]]:
     """Return states and force of one simulator by name."""
-    columns = dict(zip(STATES, one.states[simulator].T, strict=True))
+    columns = dict(zip(CART_POLE.states, one.states[simulator].T, strict=True))
     columns["force"] = one.forces[simulator]
     return {name: _spread(time, one.time, values) for name, values in columns.items()}
 

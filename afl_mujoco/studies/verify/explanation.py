@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.energy import linear_momentum, total_energy
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import (
     MOMENTA,
@@ -20,17 +21,15 @@ from afl_mujoco.scenario.parameters import (
     STRETCHING_ROD,
     VELOCITIES,
     CartPoleParameters,
-    ParameterChange,
 )
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation.integrator import integrate, scipy_solver
-from afl_mujoco.simulation.metrics import STATES
-from afl_mujoco.simulation.mujoco_model import CartPoleModel, forward, write_parameters
+from afl_mujoco.simulation.integrator import along_z, integrate, scipy_solver
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
-from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
@@ -76,13 +75,13 @@ class Parts:
 class AtWorst(Parts):
     """The signed difference where it is largest: there the parts and the residual add up to it."""
 
-    state: str  # one of `metrics.STATES`
+    state: str  # its name
     time: float  # [s]
 
     def __post_init__(self) -> None:
         """Raise if there is no such state."""
-        if self.state not in STATES:
-            raise ValueError(f"state must be one of {', '.join(STATES)}, got {self.state!r}")
+        if self.state not in (known := CART_POLE.states):
+            raise ValueError(f"state must be one of {', '.join(known)}, got {self.state!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +144,7 @@ def error_budget(
     return ErrorBudget(
         scenario=scenario.name,
         controller=controller.name,
-        at_worst=AtWorst(state=STATES[column], time=float(times[row]), **signed),
+        at_worst=AtWorst(state=scenario.plant.states[column], time=float(times[row]), **signed),
         **{name: float(np.abs(curve).max()) for name, curve in curves.items()},
     )
 
@@ -190,10 +189,8 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
     Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
     own; what a parameter change adds is booked by the analytic energy and momentum.
     """
-    model = CartPoleModel(scenario.parameters_at(0.0), edit=_measure_energy)
-    change = ParameterChange()
-    rate = closed_loop(model, scenario, controller, change)
-    arrive = transition(model, scenario, change)
+    model = SimulatedModel(scenario.plant, edit=_measure_energy)
+    rate, arrive = closed_loop(model, controller), transition(model, scenario)
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Sequence[float]:
         motion = rate(time, state, segment)
@@ -212,18 +209,18 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
             arrived[_JUMP_ENERGY] += total_energy(was, new) - total_energy(was, old)
             arrived[_JUMP_MOMENTUM] += linear_momentum(was, new) - linear_momentum(was, old)
         arrived[_WORK] += total_energy(now, new) - total_energy(was, new)
-        arrived[_IMPULSE] += after.impulse
+        arrived[_IMPULSE] += along_z(after.impulse)
         return arrived
 
     times = time_grid(scenario, SAMPLE_PERIOD)
-    solver = scipy_solver(derivative, controller=controller.name)
-    nodes = controller.nodes(scenario.plants)
+    criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
+    solver = scipy_solver(derivative, controller=controller.name, criterion=criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
     return _close(model, scenario, controller, times[: len(states)], states)
 
 
 def _close(
-    model: CartPoleModel,
+    model: SimulatedModel,
     scenario: Scenario,
     controller: Controller,
     times: NDArray[np.float64],
@@ -252,14 +249,11 @@ def _close(
 
 
 def _measured(
-    model: CartPoleModel, scenario: Scenario, time: float, state: NDArray[np.float64]
+    model: SimulatedModel, scenario: Scenario, time: float, state: NDArray[np.float64]
 ) -> tuple[float, float]:
     """Return MuJoCo's own energy [J] and momentum along z [N s]."""
-    p = scenario.parameters_at(time)
-    at = model.addresses
-    write_parameters(at, p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-    momentum = momenta(model, state[:4])
-    forward(at, *state[:4].tolist(), 0.0, 0.0)
+    model.write(scenario.values_at(time))
+    momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
     return float(model.mj_data.energy.sum()), float(momentum[0])
 
 
@@ -268,25 +262,18 @@ def _ramp_power(
 ) -> tuple[float, float]:
     """Return what the ramps add per second to energy [W] and momentum [N] at fixed velocities."""
     _, phi, z_dot, phi_dot = state[:4].tolist()
-    _, length = segment.parameters_at(time)
-    mass_rate, length_rate = segment.cart_mass[1], segment.half_length[1]
-    m, cos = scenario.pole_mass, float(np.cos(phi))
-    by_length = m * (
-        4.0 / 3.0 * length * phi_dot**2 - z_dot * phi_dot * cos + scenario.gravity * cos
-    )
+    _, m, length, gravity = segment.values_at(time).tolist()
+    (_, mass_rate), _, (_, length_rate), _ = segment.lines
+    cos = float(np.cos(phi))
+    by_length = m * (4.0 / 3.0 * length * phi_dot**2 - z_dot * phi_dot * cos + gravity * cos)
     energy = 0.5 * z_dot**2 * mass_rate + by_length * length_rate
     return energy, z_dot * mass_rate - m * phi_dot * cos * length_rate
 
 
 def _parameters(scenario: Scenario, segment: Segment, time: float) -> CartPoleParameters:
     """Return the plant at a time of a segment, the limit from inside it."""
-    mass, length = segment.parameters_at(time)
-    return CartPoleParameters(
-        cart_mass=mass,
-        pole_mass=scenario.pole_mass,
-        half_length=length,
-        gravity=scenario.gravity,
-    )
+    values = segment.values_at(time).tolist()
+    return CartPoleParameters(**dict(zip(scenario.schedule, values, strict=True)))
 
 
 def _measure_energy(spec: mujoco.MjSpec) -> None:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import fixed, interval, limit, percent, scientific, short
-from afl_mujoco.scenario.parameters import STATE, SYMBOLS
+from afl_mujoco.scenario.parameters import STATE, symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.simulation.trajectory import COMPLETED, Layout
 from afl_mujoco.studies.cases import DECISIVE, DEPLOYED
 from afl_mujoco.studies.tables import grouped, how, metrics_matrix, requirements_matrix
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
@@ -38,14 +38,15 @@ def report(result: Result) -> Report:
     """Return what is shown of a verification."""
     pictured = next((s for s in result.scenarios if s.name == PICTURED), result.scenarios[0])
     blocks: list[Block] = [*_requirements(result)]
-    blocks.append(_runs_figure(result, pictured))
+    blocks += [_runs_figure(result, pictured)] if result.curves else []
     blocks += [_claims(result)] if result.claims else []
     blocks.append(_checks(result))
     blocks += [_budget(result)] if result.error_budgets else []
     blocks += _details(result)
     blocks += [_scenario(result, one, one is not pictured) for one in result.scenarios]
     decided = "\n".join(f"- **{id}**: {plain(words)}" for id, words in result.decisions.items())
-    blocks.append(Section("Decisions where the paper is silent", "decisions", [decided], True))
+    if decided:
+        blocks.append(Section("Decisions where the paper is silent", "decisions", [decided], True))
     return Report(headline=_headline(result), passed=result.passed, blocks=blocks)
 
 
@@ -59,6 +60,8 @@ def _headline(result: Result) -> str:
         one = failed[0]
         where = "" if one.scenario == ANY else f" on {one.scenario} with {one.controller}"
         said[0] += f": {one.id} {_value(one.value)} > {limit(one.limit)}{where}"
+    if not result.model_verified:
+        said.append("model not verified: no equations")
     if missing := [run for run in result.rows if run.missed]:
         one_of = f"{missing[0].controller} on {missing[0].scenario} {how(missing[0].failure)}"
         said.append(f"{len(missing)} of {len(result.rows)} runs fail: {one_of}")
@@ -69,9 +72,12 @@ def _headline(result: Result) -> str:
         if run.outcome != COMPLETED and (run.scenario, run.controller) not in named
     ]
     if ended:
-        one_run, cases = ended[0], {(run.scenario, run.controller) for run in ended}
+        one_run, (cases, all_cases) = (
+            ended[0],
+            ({(run.scenario, run.controller) for run in runs} for runs in (ended, result.runs)),
+        )
         said.append(
-            f"{len(cases)} of {len(result.curves)} cases did not complete: {one_run.scenario} with "
+            f"{len(cases)} of {len(all_cases)} cases did not complete: {one_run.scenario} with "
             f"{one_run.controller} {one_run.outcome}, {one_run.simulator}"
         )
     if result.claims:
@@ -206,7 +212,7 @@ def _checks(result: Result) -> Section:
                             for name in (DECISIVE, DEPLOYED)
                             if (outcome := outcomes[*case, name].outcome)
                         ),
-                        fixed(outcomes[*case, DECISIVE].metrics["objective"], 4),
+                        fixed(outcomes[*case, DECISIVE].metrics.get("objective"), 4),
                         *(_judged(judged.get((*case, id))) for id in ids),
                     )
                     for case in cases
@@ -256,7 +262,7 @@ def _budget(result: Result) -> Section:
         [
             Matrix(
                 caption=f"{worst.scenario}, {worst.controller}: as deployed minus the equations, "
-                f"{SYMBOLS[at.state]} [{STATE[at.state]}] at {short(at.time)} s",
+                f"{symbol(at.state)} [{STATE[at.state]}] at {short(at.time)} s",
                 columns=("Source", "There", "Largest in any run"),
                 rows=[
                     (
@@ -295,6 +301,10 @@ BOOKED = {
     "momentum_of_jumps": "Jumps [N s]",
     "momentum_residual": "Residual [N s]",
 }
+GROWN = {
+    "difference": "|MuJoCo exact − ODE|, whole run",
+    "amplification": "Growth of a small change of the start",
+}
 OMITTED = {"stretching_rod": "Terms in l′", "momenta_kept": "Momenta kept at steps"}
 
 
@@ -314,6 +324,10 @@ def _details(result: Result) -> Iterator[Section]:
         )
         yield Section("Observed orders", "orders", [orders], folded=True)
     for found, columns, title, anchor, caption in (
+        (
+            result.growths, GROWN, "Differences over whole runs", "growth",
+            "Shown, not judged: an unstable plant amplifies round-off; restarts keep it from that",
+        ),
         (
             result.ledgers, BOOKED, "Energy and momentum", "ledger",
             "Ledger at the end of each run; the residual is the largest along it",
@@ -356,21 +370,27 @@ def _scenario(result: Result, scenario: Scenario, drawn: bool) -> Section:
     runs = [run for run in result.runs if run.scenario == scenario.name]
     blocks: list[Block] = [
         facts,
-        Chart(
-            anchor=f"scenario-{number}",
-            title="Trajectories",
-            quantities=QUANTITIES,
-            data=chart_data(result.curves_on(scenario), scenario),
-        ),
-        *([_runs_figure(result, scenario)] if drawn else []),
+        *([_chart(result, scenario, number)] if result.curves else []),
+        *([_runs_figure(result, scenario)] if drawn and result.curves else []),
         metrics_matrix(
             {f"{run.controller}, {run.simulator}": [run.metrics] for run in runs},
             list(runs[0].metrics),
             folded="All metrics in every simulator",
             digits=6,
+            layout=Layout.of(scenario),
         ),
     ]
     return Section(scenario.name, f"scenario-{number}", blocks, folded=True)
+
+
+def _chart(result: Result, scenario: Scenario, number: int) -> Chart:
+    """Return the curves of a scenario for the page."""
+    return Chart(
+        anchor=f"scenario-{number}",
+        title="Trajectories",
+        quantities=QUANTITIES,
+        data=chart_data(result.curves_on(scenario), scenario),
+    )
 
 
 def _draw(figure: str, *arguments: Any) -> Any:

@@ -35,8 +35,8 @@ def by_hand(scenario, controller):
     Returns states and forces, and the last estimates.
     """
     model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
-    run = prepare(scenario, controller, timing_of(scenario, model, timestep=1e-3))
-    pending, rows = no_commands(run.actuator), np.empty((run.plan.steps + 1, 6))
+    run = prepare(model, scenario, controller, timing_of(scenario, model, timestep=1e-3))
+    pending, rows = no_commands(run.actuators), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
     filtering, settings = (
         estimator.new_filter(),
@@ -44,22 +44,24 @@ def by_hand(scenario, controller):
     )
     loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
-    while memory["status"] == loop.RUNNING:
-        z, phi, _, _ = sense(model.addresses, run.sensors, memory, tick)
+    while memory.marks["status"] == loop.RUNNING:
+        sense(model.addresses, run.sensors, memory, tick)
+        z, phi = memory.measured[:2].tolist()
         if tick == 0:
             mass, length = estimator.start(filtering, settings, z, phi)
         else:
             force = max(min(command, 8.0), -8.0)
             if controller.settings.force_sensed:
-                force = float(memory["mean_force"])
+                force = float(memory.drive["mean_force"][0])
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
         assumed_parameters = (mass, scenario.pole_mass, length, scenario.gravity)
         state = estimator.filtered_state(filtering)
         compiled = controller.estimator_for(scenario.parameters_at(0.0)).compiled
         command = compiled_force(*compiled, *state, assumed_parameters)
-        loop.advance(*plant[:2], run.actuator, *plant[2:], pending, rows, command)
+        memory.command[0] = command
+        loop.advance(*plant[:2], run.actuators, *plant[2:], pending, rows)
         tick += 1
-    count = int(memory["step"])
+    count = int(memory.marks["step"])
     return rows[: count + 1, :4], rows[: count + 1, 4], (mass, length)
 
 

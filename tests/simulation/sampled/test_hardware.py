@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco import CartPoleModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.hardware import (
     actuate,
-    actuator_of,
+    actuators_of,
     new_run,
     no_commands,
     normals,
@@ -29,25 +30,33 @@ def model(odd_parameters):
 
 def measured(model, imperfections, states, period=T):
     """What is measured of one state a tick, shape (N, 4)."""
-    sensors, data = sensors_of(imperfections, period), model.mj_data
+    scenario = afl.Scenario(name="own", imperfections=imperfections)
+    sensors, data = sensors_of(scenario, period), model.mj_data
     run = new_run()
     seen = []
     for tick, state in enumerate(states):
         data.qpos[:], data.qvel[:] = state[:2], state[2:]
-        seen.append(sense(model.addresses, sensors, run, tick))
+        sense(model.addresses, sensors, run, tick)
+        seen.append(run.measured.copy())
     return np.array(seen)
 
 
 def forces(imperfections, commands, h=H):
     """The mean force in each step under one command a step, shape (N,)."""
-    actuator = actuator_of(imperfections, h, len(commands))
-    run, pending = new_run(), no_commands(actuator)
+    actuators, drive = drive_of(imperfections, h, len(commands)), new_run().drive[0]
+    pending = no_commands(actuators)
     return np.array(
         [
-            actuate(actuator, run, pending, within_reach(actuator, c), k, 1.0)
+            actuate(actuators[0], drive, pending, 0, within_reach(actuators[0], c), k, 1.0)
             for k, c in enumerate(commands)
         ]
     )
+
+
+def drive_of(imperfections, h, steps):
+    """The drive of a cart-pole without limits in its MJCF."""
+    scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
+    return actuators_of(scenario, np.array([[-np.inf, np.inf]]), h, steps)
 
 
 @pytest.fixture
@@ -127,7 +136,7 @@ def test_the_force_limit_cuts_off_both_signs():
         -12.5,
         12.5,
     ]
-    assert math.isnan(within_reach(actuator_of(Imperfections(input_limit=12.5), H, 9), math.nan))
+    assert math.isnan(within_reach(drive_of(Imperfections(input_limit=12.5), H, 9)[0], math.nan))
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
@@ -206,24 +215,25 @@ def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(n
 def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name, rng):
     commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
     fine = fine_chain(real, commands, 2000)
-    actuator = actuator_of(real, H, len(commands))
-    run, pending = new_run(), no_commands(actuator)
+    actuators, drive = drive_of(real, H, len(commands)), new_run().drive[0]
+    pending = no_commands(actuators)
     for k, command in enumerate(commands):
-        actuate(actuator, run, pending, within_reach(actuator, command), k, 1.0)
-    assert run["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
-    assert run["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
-    assert run["force_variation"] == pytest.approx(
+        command = within_reach(actuators[0], command)
+        actuate(actuators[0], drive, pending, 0, command, k, 1.0)
+    assert drive["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
+    assert drive["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
+    assert drive["force_variation"] == pytest.approx(
         np.abs(np.diff(fine, prepend=0.0)).sum(), rel=3e-3
     )
 
 
 def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
     lag, n = 0.004, 50
-    actuator = actuator_of(Imperfections(lag=lag), H, n)
-    run, pending = new_run(), no_commands(actuator)
+    actuators, drive = drive_of(Imperfections(lag=lag), H, n), new_run().drive[0]
+    pending = no_commands(actuators)
     for k in range(n):
-        actuate(actuator, run, pending, 7.0, k, 1.0)
+        actuate(actuators[0], drive, pending, 0, 7.0, k, 1.0)
     end, gone = n * H, math.exp(-n * H / lag)
     squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
-    assert run["force_squared"] * H == pytest.approx(squared, rel=1e-12)
-    assert run["force_variation"] == pytest.approx(7.0 * (1.0 - gone), rel=1e-12)
+    assert drive["force_squared"] * H == pytest.approx(squared, rel=1e-12)
+    assert drive["force_variation"] == pytest.approx(7.0 * (1.0 - gone), rel=1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.names import ESTIMATED, INFORMED, NAMES
-from afl_mujoco.scenario.belief import ERRORS
+from afl_mujoco.scenario.belief import is_error
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL
 
@@ -22,7 +22,7 @@ def imperfect():
     plain = {"velocity_filter": 0.01, "dry_friction.phi": 1e-3}
     found = {"seed": {"seed": 3}}
     for path, declaration in DECLARATIONS.items():
-        if path in ERRORS:
+        if is_error(path):
             continue
         if declaration.swept:
             found[path] = declaration.swept[0].options(declaration.swept[0].reference)

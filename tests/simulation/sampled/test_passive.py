@@ -6,7 +6,7 @@ import pytest
 
 from afl_mujoco import CartPoleModel, CartPoleParameters
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.simulation.mujoco_model import impulse_jump
+from tests.engine import jump as jump_of
 
 H = 1e-3
 HANGING = np.pi
@@ -22,6 +22,7 @@ FULL = Imperfections(
     end_stops={"z": 1.9},
     tip_mass_share=0.23,
 )
+
 PASSIVE = {
     "friction": Imperfections(dry_friction={"z": 0.31}),
     "friction of the hinge": Imperfections(dry_friction={"phi": 0.0007}),
@@ -88,7 +89,8 @@ FIELDS_OF_JOINTS = [
 
 def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
     model = CartPoleModel(CartPoleParameters(), imperfections=PASSIVE["stops"])
-    model.set_imperfections(FULL, odd_parameters)
+    model.set_imperfections(FULL)
+    model.set_parameters(odd_parameters)
     by_hand = mujoco.MjModel.from_xml_string(_by_hand(odd_parameters, FULL))
     for name in FIELDS_OF_JOINTS:
         mine, theirs = getattr(model.mj_model, name), getattr(by_hand, name)
@@ -108,7 +110,8 @@ def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters
 @pytest.mark.parametrize("after", [IDEAL, *PASSIVE.values()], ids=["ideal", *PASSIVE])
 def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
     used = CartPoleModel(CartPoleParameters(), imperfections=before)
-    used.set_imperfections(after, odd_parameters)
+    used.set_imperfections(after)
+    used.set_parameters(odd_parameters)
     fresh = CartPoleModel(odd_parameters, imperfections=after)
     for name in dir(fresh.mj_model):
         array = getattr(fresh.mj_model, name)
@@ -228,7 +231,5 @@ def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
         [coupling, 4 / 3 * p.pole_mass * p.half_length**2 + 0.01],
     ]
     model = CartPoleModel(p, imperfections=real)
-    jump = impulse_jump(
-        model.addresses, 0.1, phi, 0.0, 0.0, impulse
-    )  # at rest, where friction holds
+    jump = jump_of(model, (0.1, phi, 0.0, 0.0), impulse)  # at rest, where friction holds
     np.testing.assert_allclose(jump, np.linalg.solve(mass_matrix, [impulse, 0.0]), rtol=1e-10)

@@ -20,8 +20,8 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.simulation.mujoco_model import impulse_jump
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
+from tests.engine import jump as jump_of
 
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 REAL = Imperfections(
@@ -83,7 +83,7 @@ def plain_loop(scenario, controller, hold, integrator):
             if hit is not None:
                 m.opt.timestep = hit.time - start
                 mujoco.mj_step(m, d)
-                d.qvel[:] += impulse_jump(model.addresses, *d.qpos, *d.qvel, hit.momentum)
+                d.qvel[:] += jump_of(model, (*d.qpos, *d.qvel), hit.momentum)
                 m.opt.timestep = end - hit.time
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
             mujoco.mj_step(m, d)

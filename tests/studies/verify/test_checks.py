@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify import checks
 from afl_mujoco.studies.verify.criteria import CRITERIA
@@ -29,13 +30,13 @@ SHORT = dataclasses.replace(
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[float]]:
     found: list[list[float]] = []
-    forward = checks.forward
+    accelerations = SimulatedModel.accelerations
 
-    def noted(at: object, *numbers: float) -> object:
-        found.append(list(numbers[:5]))
-        return forward(at, *numbers)
+    def noted(model: SimulatedModel, state: np.ndarray, force: float) -> object:
+        found.append([*state, force])
+        return accelerations(model, state, force)
 
-    monkeypatch.setattr(checks, "forward", noted)
+    monkeypatch.setattr(SimulatedModel, "accelerations", noted)
     return found
 
 
@@ -110,30 +111,32 @@ def test_a5_and_b3_see_a_schedule_half_a_step_late() -> None:
 
 
 def test_a3_sees_one_field_that_was_not_mutated(monkeypatch: pytest.MonkeyPatch) -> None:
-    def forget_the_tip(model: afl.CartPoleModel, parameters: afl.CartPoleParameters) -> None:
+    def forget_the_tip(model: SimulatedModel, values: np.ndarray) -> None:
         before = model.mj_model.site_pos.copy()
-        original(model, parameters)
+        original(model, values)
         model.mj_model.site_pos[:] = before
 
-    original = afl.CartPoleModel.set_parameters
-    monkeypatch.setattr(afl.CartPoleModel, "set_parameters", forget_the_tip)
+    original = SimulatedModel.write
+    monkeypatch.setattr(SimulatedModel, "write", forget_the_tip)
     assert checks.stale_numbers(np.random.default_rng(0), plants=3) == 3
 
 
 def test_a1_sees_an_inertia_a_millionth_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    def inflate(model: afl.CartPoleModel, parameters: afl.CartPoleParameters) -> None:
-        original(model, parameters)
-        model.mj_model.body_inertia[2] *= 1.0 + 1e-6
+    def inflate(model: SimulatedModel, values: np.ndarray) -> np.ndarray:
+        rows = original(model, values)
+        pole = [str(one).startswith("body pole inertia") for one in model.writer.targets]
+        rows[:, pole] *= 1.0 + 1e-6
+        return rows
 
-    original = afl.CartPoleModel.set_parameters
-    monkeypatch.setattr(afl.CartPoleModel, "set_parameters", inflate)
+    original = SimulatedModel.rows
+    monkeypatch.setattr(SimulatedModel, "rows", inflate)
     error = checks.acceleration_error(np.random.default_rng(0), states=100)
     assert not CRITERIA["A1"].judge(error).passed
 
 
 def test_imperfections_makes_contacts_limits_and_friction_act() -> None:
     model = afl.CartPoleModel(afl.CartPoleParameters(), edit=checks.add_passive_physics)
-    checks._qacc(model, np.array([1.5, 2.0, 0.0, 0.0]))
+    checks._qacc(model.mj_model, model.mj_data, np.array([1.5, 2.0, 0.0, 0.0]))
     kinds = set(model.mj_data.efc_type.tolist())
     assert model.mj_data.ncon > 0
     assert len(kinds) >= 3  # friction loss, joint limit, contact
@@ -151,7 +154,7 @@ def test_a10_sees_a_run_that_depends_on_what_ran_before(monkeypatch: pytest.Monk
     def stateful(*arguments: object, **options: object) -> object:
         run = original(*arguments, **options)
         ran.append(run)
-        return dataclasses.replace(run, force=run.force + 1e-12 * len(ran))
+        return dataclasses.replace(run, input=run.force + 1e-12 * len(ran))
 
     original = checks.simulate_ode
     monkeypatch.setattr(checks, "simulate_ode", stateful)

@@ -7,7 +7,8 @@ from itertools import product
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.metrics import STATES, metrics
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, with_objective
 from afl_mujoco.studies.verify import claims as ledger
 from afl_mujoco.studies.verify.claims import (
@@ -32,8 +33,8 @@ SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 def figures(objective: float | None, overshoot: float = 1.0, settling: float | None = 5.0) -> dict:
     return {
         "objective": objective,
-        **{f"overshoot_{x}": overshoot for x in STATES},
-        **{f"settling_2pc_{x}": settling for x in STATES},
+        **{f"overshoot_{x}": overshoot for x in CART_POLE.states},
+        **{f"settling_2pc_{x}": settling for x in CART_POLE.states},
     }
 
 

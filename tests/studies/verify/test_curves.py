@@ -67,9 +67,9 @@ def test_a_peak_between_the_regular_instants_is_kept(runs: dict[str, Trajectory]
 
 def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajectory]) -> None:
     whole = runs["mujoco continuous"]
-    cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "force", "command")}
-    cut |= {name: getattr(whole, name)[:552] for name in ("cart_mass", "half_length")}
-    fallen = dataclasses.replace(whole, **cut, outcome=afl.Outcome("fell", 0.551))
+    cut = {name: getattr(whole, name)[:552] for name in ("time", "state", "input", "command")}
+    kept = {name: values[:552] for name, values in whole.parameters.items()}
+    fallen = dataclasses.replace(whole, **cut, parameters=kept, outcome=afl.Outcome("fell", 0.551))
     curves = selected({**runs, "mujoco continuous": fallen})
     reached = len(curves.states["mujoco continuous"])
     assert curves.time[reached - 1] == pytest.approx(0.551)

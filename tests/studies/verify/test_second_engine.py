@@ -13,7 +13,7 @@ import pytest
 from afl_mujoco import CartPoleModel, CartPoleParameters, acceleration
 from afl_mujoco.plant.dynamics import mass_matrix
 from afl_mujoco.plant.energy import total_energy
-from afl_mujoco.simulation.mujoco_model import CART_HALF_SIZE, forward, model_file
+from afl_mujoco.plants.cartpole import CART_HALF_SIZE, model_file
 from afl_mujoco.studies.verify.checks import random_plant
 
 try:
@@ -66,7 +66,7 @@ class MuJoCo:
         self.set_parameters = self.cart_pole.set_parameters
 
     def acceleration(self, state, force):
-        return np.array(forward(self.cart_pole.addresses, *state, force, 0.0))
+        return self.cart_pole.accelerations(state, force)
 
     def mass_matrix(self, state):
         self.acceleration(state, 0.0)

@@ -1,0 +1,173 @@
+"""Linear feedback of the state of any plant, about where it should be: the LQR by Bryson's rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.linalg import LinAlgError
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import solve_continuous_are
+
+from afl_mujoco.control.controller import AFFINE, Controller, force_from_inputs
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.scenario.requirements import bands_of
+
+Floats = NDArray[np.float64]
+
+NODES = 16
+"""Gains are computed at so many values within the bounds of a parameter that ramps, and
+interpolated between them."""
+
+HOLDS = 1e-6
+"""Share of the forces at rest that inputs may leave over."""
+
+
+class Rest(NamedTuple):
+    """A plant at rest: ``M v' + h(q, v) = B u`` and its slopes there."""
+
+    mass: Floats  # M, shape (n, n)
+    bias: Floats  # h, shape (n,)
+    inputs: Floats  # B, shape (n, k)
+    stiffness: Floats  # dh/dq - d(B u)/dq at the holding input, shape (n, n)
+    damping: Floats  # dh/dv, shape (n, n)
+
+
+def holding_input(mass_bias: Floats, inputs: Floats) -> Floats | None:
+    """Return the inputs that hold a plant at rest, ``B u = h``; None if none do."""
+    if not inputs.shape[1]:
+        return None
+    held = np.asarray(np.linalg.lstsq(inputs, mass_bias, rcond=None)[0], dtype=np.float64)
+    left = np.abs(inputs @ held - mass_bias).max()
+    return held if left <= HOLDS * max(1.0, float(np.abs(mass_bias).max())) else None
+
+
+def linear_model(rest: Rest) -> tuple[Floats, Floats]:
+    """Return A and B of ``x' = A x + B u`` about rest, shapes (2n, 2n) and (2n, k)."""
+    n = len(rest.bias)
+    a, b = np.zeros((2 * n, 2 * n)), np.zeros((2 * n, rest.inputs.shape[1]))
+    a[:n, n:] = np.eye(n)
+    a[n:, :n] = -np.linalg.solve(rest.mass, rest.stiffness)
+    a[n:, n:] = -np.linalg.solve(rest.mass, rest.damping)
+    b[n:] = np.linalg.solve(rest.mass, rest.inputs)
+    return a, b
+
+
+RestOf = Callable[[Floats], Rest]
+"""The plant at rest at its target with some parameters."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearFeedback(Controller):
+    """An LQR of any plant, about its target, with gains for the parameters that it is told.
+
+    States are weighted by the inverse squares of `largest`, inputs by those of `most`.
+    """
+
+    name: str
+    plant: Plant
+    rest: RestOf
+    target: tuple[float, ...]  # of the coordinates
+    largest: tuple[float, ...]  # of the states
+    most: tuple[float, ...]  # of the inputs; 0 for that of holding the plant
+    grids: Mapping[int, tuple[float, float]]  # first node and spacing of parameters with ramps
+    known: dict[bytes, Floats] = field(default_factory=dict, repr=False)  # by parameters
+    belief: None = None
+
+    @property
+    def kind(self) -> int:
+        """Feedback that is affine in the state."""
+        return AFFINE
+
+    def gains(self, values: Floats) -> tuple[Floats, Floats]:
+        """Return the holding input (k,) and the gains (k, 2n) for some parameters."""
+        rest = self.rest(values)
+        thing = f"controller {self.name!r}"
+        held = holding_input(rest.bias, rest.inputs)
+        if held is None:
+            rule = "must be able to hold the plant at its target, but no input does"
+            raise InvalidValueError(thing, rule, f"forces left {rest.bias.tolist()}")
+        a, b = linear_model(rest)
+        weights = np.array([x if x else max(float(np.abs(held).max()), 1.0) for x in self.most])
+        states = np.diag([x**-2 for x in self.largest])
+        try:
+            cost = solve_continuous_are(a, b, states, np.diag(weights**-2))
+        except (LinAlgError, ValueError) as error:
+            rule = f"must be able to stabilise the plant at its target: {error}"
+            raise InvalidValueError(thing, rule) from None
+        return held, np.asarray(weights[:, None] ** 2 * (b.T @ cost))
+
+    def _at(self, values: Floats) -> Floats:
+        """Return holding inputs and gains at some parameters, those of the nodes interpolated."""
+        corners = [(1.0, values.copy())]
+        for i, (first, spacing) in self.grids.items():
+            place = (values[i] - first) / spacing
+            share, low = place - np.floor(place), first + spacing * np.floor(place)
+            several = []
+            for weight, corner in corners:
+                for part, at in ((1.0 - share, low), (share, low + spacing)):
+                    if part > 0.0:
+                        other = corner.copy()
+                        other[i] = at
+                        several.append((weight * part, other))
+            corners = several
+        parts = [weight * self._designed(corner) for weight, corner in corners]
+        return np.asarray(np.sum(parts, axis=0))
+
+    def _designed(self, values: Floats) -> Floats:
+        """Return holding inputs and gains for some parameters, computed once."""
+        key = values.tobytes()
+        if key not in self.known:
+            held, gains = self.gains(values)
+            self.known[key] = np.concatenate([held, gains.ravel()])
+        return self.known[key]
+
+    def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
+        """Return the values of parameters at which the gains are not smooth, by name."""
+        found = {}
+        for i, (first, spacing) in self.grids.items():
+            low, high = spans[name := list(spans)[i]]
+            places = np.arange(np.ceil((low - first) / spacing), (high - first) / spacing + 1.0)
+            found[name] = first + spacing * places
+        return found
+
+    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
+        """Return holding inputs, gains and target for rows of parameters."""
+        distinct, which = np.unique(values, axis=0, return_inverse=True)
+        designed = np.array([self._at(row) for row in distinct])[which.reshape(-1)]
+        rest = [*self.target, *([0.0] * len(self.target))]
+        return np.column_stack([designed, np.tile(rest, (len(values), 1))])
+
+    def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
+        """Return the inputs at a state and assumed parameters, shape (k,)."""
+        rest = [*self.target, *([0.0] * len(self.target))]
+        row = np.concatenate([self._at(np.asarray(assumed)), rest])
+        found = np.empty(len(self.plant.inputs))
+        force_from_inputs(AFFINE, np.array(state, dtype=np.float64), row, found)
+        return found
+
+    def describe(self) -> dict[str, Any]:
+        """Return the controller as plain data, for provenance."""
+        return {
+            "name": self.name,
+            "formula": "u = u0(p) - K(p) (x - target)",
+            "gains": {
+                "method": "LQR by Bryson's rule",
+                "largest_state": list(self.largest),
+                "largest_input": list(self.most),
+            },
+            "belief": "true",
+        }
+
+
+def largest_of(plant: Plant, limits: dict[str, float]) -> tuple[float, ...]:
+    """Return the largest states by Bryson's rule: as required, else ten bands, and as fast."""
+    found = [limits.get(name, 10.0 * band) for name, band in bands_of(plant).items()]
+    rates = [
+        limits.get(f"{name}_dot", 5.0 * x)
+        for name, x in zip(plant.coordinates, found, strict=True)
+    ]  # fmt: skip
+    return (*found, *rates)

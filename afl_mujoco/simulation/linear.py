@@ -1,0 +1,108 @@
+"""Controllers bound to the plant of a scenario, and the plant's linear model at rest."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.linear import (
+    NODES,
+    LinearFeedback,
+    Rest,
+    holding_input,
+    largest_of,
+)
+from afl_mujoco.control.own import PythonController
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.scenario.scenario import Scenario
+
+STEP = 1e-6
+"""Step of the central differences [rad, m, rad/s, m/s]."""
+
+
+def bound(controller: Controller, scenario: Scenario) -> Controller:
+    """Return a controller for the plant of a scenario, or raise if it is of another."""
+    plant = scenario.plant
+    if controller.plant is plant or scenario.is_cart_pole:
+        return controller
+    if isinstance(controller, PythonController):
+        return replace(controller, plant=plant)
+    if controller.name == "lqr":
+        return lqr_of(scenario)
+    rule = f"is of the cart-pole; plant {plant.name!r} takes lqr, or a controller of your own"
+    raise InvalidValueError(f"controller {controller.name!r}", rule)
+
+
+def lqr_of(scenario: Scenario) -> LinearFeedback:
+    """Return the LQR of the plant of a scenario, about its target, weighted by its limits."""
+    plant, asked = scenario.plant, scenario.requirements.max
+    if plant.upright is None and not scenario.requirements.target:
+        rule = "needs a plant that says where it is upright, or a target in [requirements]"
+        raise InvalidValueError("controller 'lqr'", rule)
+    limits = [scenario.imperfections.of_input("input_limit", name) for name in plant.inputs]
+    most = [
+        asked.get(name, asked.get(f"{name}_command", limit or 0.0))
+        for name, limit in zip(plant.inputs, limits, strict=True)
+    ]
+    model = _model(plant, threading.get_ident())
+
+    def rest(values: NDArray[np.float64]) -> Rest:
+        return rest_of(model, np.array(scenario.target), values)
+
+    grids = {}
+    for i, (name, one) in enumerate(plant.parameters.items()):
+        low, high = scenario.spans[name]
+        first, last = min(low, one.low or low), max(high, one.high or high)
+        if any(segment.lines[i][1] for segment in scenario.segments):
+            grids[i] = first, (last - first) / NODES
+    return LinearFeedback(
+        name="lqr",
+        plant=plant,
+        rest=rest,
+        target=scenario.target,
+        largest=largest_of(plant, dict(asked)),
+        most=tuple(most),
+        grids=grids,
+    )
+
+
+@lru_cache(maxsize=32)
+def _model(plant: Plant, thread: int) -> PlantModel:
+    """Return a model of a plant for a thread."""
+    return PlantModel(plant)
+
+
+def rest_of(model: PlantModel, q: NDArray[np.float64], values: NDArray[np.float64]) -> Rest:
+    """Return a plant at rest at some coordinates, by MuJoCo's own terms."""
+    row = model.rows(values)
+    model.require(row, np.atleast_2d(values))
+    model.write(row[0])
+    n, k = len(q), len(model.plant.inputs)
+    still, none = np.zeros(n), np.zeros(k)
+    mass, bias, inputs, _ = model.at(q, still, none)
+    held = holding_input(bias, inputs)
+    stiffness, damping = np.empty((n, n)), np.empty((n, n))
+    for i in range(n):
+        step = STEP * np.eye(n)[i]
+        sides = []
+        for x in (q + step, q - step):
+            _, h, b, _ = model.at(x, still, none)
+            sides.append(h - (b @ held if held is not None else 0.0))
+        stiffness[:, i] = (sides[0] - sides[1]) / (2.0 * STEP)
+        forward, back = (model.at(q, x, none)[1] for x in (step, -step))
+        damping[:, i] = (forward - back) / (2.0 * STEP)
+    return Rest(mass, bias, inputs, stiffness, damping)
+
+
+def require_plants(controllers: list[Controller], scenarios: list[Scenario]) -> None:
+    """Raise if a controller is of another plant than one of the scenarios."""
+    for scenario in scenarios:
+        for controller in controllers:
+            bound(controller, scenario)

@@ -1,0 +1,228 @@
+"""What a reader of a run should know that no requirement says."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.feedback import upright_model
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.scenario.parameters import CartPoleParameters, symbol
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.metrics import effort_names
+from afl_mujoco.simulation.trajectory import DIVERGED, STATE_LIMIT, Trajectory
+
+LONGEST = 50.0
+"""Half-length that nobody means [m]."""
+
+SAID = {"cart_mass": "M", "half_length": "l", "pole_mass": "m", "gravity": "g"}
+
+
+def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
+    """Return remarks on a run that no requirement makes, one sentence each."""
+    return [
+        *_of_controller(scenario, controller),
+        *_beyond(scenario),
+        *_left_out(scenario),
+        *_unreached(scenario),
+        *_without_effect(scenario),
+        *unit_remarks(scenario, run.control_period),
+        *_ended(scenario, run),
+        *_stopped(scenario, run),
+        *_limited(scenario, run),
+        *_refined(run),
+        *_nothing_required(scenario),
+        *_idle(run),
+    ]
+
+
+def _of_controller(scenario: Scenario, controller: Controller) -> list[str]:
+    """Return what a controller of the cart-pole says of the plants that it meets."""
+    if not scenario.is_cart_pole:
+        return []
+    told, plants = scenario.assumed_plants, scenario.plants
+    at_start = scenario.parameters_at(0.0)
+    return [*controller.remarks(told), *controller.estimator_remarks(at_start, plants)]
+
+
+def _beyond(scenario: Scenario) -> list[str]:
+    """Remark on parameters beyond the bounds within which a plant was checked."""
+    if scenario.is_cart_pole:
+        return []
+    return [
+        f"{name} goes from {least:g} to {most:g} {one.unit}, but is checked in {one.low:g} to "
+        f"{one.high:g}"
+        for (name, one), (least, most) in zip(
+            scenario.plant.parameters.items(), scenario.spans.values(), strict=True
+        )
+        if least < (one.low or 0.0) or most > (one.high or 0.0)
+    ]
+
+
+def _left_out(scenario: Scenario) -> list[str]:
+    """Remark on what a plant says that a change of a parameter does, and a run leaves out."""
+    found = []
+    for (name, one), schedule in zip(
+        scenario.plant.parameters.items(), scenario.schedule.values(), strict=True
+    ):
+        times = [t for t in schedule.breakpoints if 0.0 < t < scenario.duration]
+        if one.rate == "enters" and any(schedule.piece(t)[1] for t in (0.0, *times)):
+            found.append(f"the rate of {name} does not act on the motion here, though it enters")
+    return found
+
+
+def _unreached(scenario: Scenario) -> list[str]:
+    """Remark on changes of parameters that come after the end."""
+    end, found = scenario.duration, []
+    for name, schedule in scenario.schedule.items():
+        knots = zip(schedule.times, schedule.values, strict=True)
+        if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
+            said = SAID.get(name, name) if scenario.is_cart_pole else name
+            found.append(f"{said} changes at {late[-1]:g} s, after the end at {end:g} s")
+    return found
+
+
+def _without_effect(scenario: Scenario) -> list[str]:
+    """Remark on noise of what is not measured."""
+    own = scenario.imperfections
+    return [
+        f"{path} has no effect, because velocities are differentiated"
+        for path in own.departing()
+        if own.without_effect(path)
+    ]
+
+
+def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a coordinate that hits an end stop."""
+    found, units = [], scenario.plant.units
+    for i, name in enumerate(scenario.plant.coordinates):
+        end = scenario.imperfections.end_stops.get(name)
+        if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, i]) >= end)).size:
+            continue
+        most = scenario.requirements.max.get(name)
+        short = most is not None and most > end
+        beyond = f", short of max.{name}, {most:g} {units[name]}" if short else ""
+        what = "the cart" if scenario.is_cart_pole else name
+        found.append(
+            f"{what} hits the end stop, {end:g} {units[name]} from the middle, first at "
+            f"{run.time[hits[0]]:.3g} s{beyond}"
+        )
+    return found
+
+
+def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a drive that cuts the command off."""
+    found, figures, inputs = [], run.metrics, scenario.plant.inputs
+    for name in inputs:
+        names = effort_names(inputs, name)
+        share, most = figures[names[-1]], figures[names[0]]
+        limit = scenario.imperfections.of_input("input_limit", name)
+        if not share or most is None:
+            continue
+        unit = f" {one}" if (one := scenario.plant.units[name]) else ""
+        asked = f"asks for up to {most:.3g}{unit}"
+        if limit is not None and most <= limit:
+            asked = f"asks for all of {limit:g}{unit}"
+        drive = "the drive" if len(inputs) == 1 else f"the drive of {name}"
+        found.append(
+            f"{drive} is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
+        )
+    return found
+
+
+def _refined(run: Trajectory) -> list[str]:
+    """Remark on a step that was made finer for the damping."""
+    settings = run.provenance.get("settings", {})
+    if (asked := settings.get("asked_timestep")) is None:
+        return []
+    return [
+        f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 is "
+        "unstable or inaccurate with this damping"
+    ]
+
+
+def _nothing_required(scenario: Scenario) -> list[str]:
+    """Remark on a scenario that no run can fail."""
+    if not scenario.required:
+        return ["completes = false and nothing else is required: no run of this scenario can fail"]
+    return []
+
+
+def _idle(run: Trajectory) -> list[str]:
+    """Remark on a controller that does nothing, which can meet requirements all the same."""
+    if len(run.time) == 1 or run.command.any():
+        return []
+    cart_pole = run.layout.inputs == tuple(CART_POLE.inputs)
+    said = "the force is 0 N throughout" if cart_pole else "the commands are 0 throughout"
+    if run.away[:, 1 if cart_pole else 0 :].any():
+        return [said]
+    leans = "the pole never leans" if cart_pole else "nothing moves"
+    return [f"{said} and {leans}: the run tests no controller"]
+
+
+def _ended(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on an end that the outcome alone does not explain."""
+    for name, x in zip(run.layout.coordinates, run.away[0], strict=False):
+        if abs(x) >= scenario.ends_at.get(name, np.inf):
+            if scenario.is_cart_pole and name == "phi":
+                said = f"the pole lies at the start, φ = {np.degrees(x):.4g}°"
+                return [f"{said}; every run ends as fallen at 90°"]
+            return [f"{symbol(name)} is at the start where a run ends, {x:.4g} from its target"]
+    worst = run.commands[-1][np.argmax(~(np.abs(run.commands[-1]) < STATE_LIMIT))]
+    if run.outcome.kind == DIVERGED and not abs(worst) < STATE_LIMIT:
+        rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
+        return [f"the force was {worst:g} at {run.outcome.time:.3g} s; {rule}"]
+    return []
+
+
+def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
+    """Return remarks on values that one may have meant in another unit.
+
+    period: Control period [s].
+    """
+    return [*_slow(scenario, period or 0.0), *_coarse(scenario), *_long(scenario)]
+
+
+def _slow(scenario: Scenario, period: float) -> Iterator[str]:
+    """Remark on waiting while the pole leans far."""
+    if not scenario.is_cart_pole:
+        return
+    (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
+    plant = CartPoleParameters(
+        cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
+    )
+    time = upright_model(plant).a[3, 1] ** -0.5
+    delay = scenario.imperfections.longest_delay
+    for name, wait in (("delay", delay), ("control period", period)):
+        if wait >= time:
+            yield (
+                f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times "
+                f"as far, {time:.2g} s; it is given in seconds, not in ms or Hz"
+            )
+
+
+def _coarse(scenario: Scenario) -> Iterator[str]:
+    """Remark on sensors that cannot tell whether the plant is at rest."""
+    others = {"m": "mm", "rad": "degrees"}
+    for field, also in (("encoder_step", "counts"), ("noise", "mrad")):
+        for name in scenario.plant.coordinates:
+            unit = scenario.plant.units[name]
+            value, band = scenario.imperfections.at(f"{field}.{name}"), scenario.band(name)
+            if value >= band:
+                said = (
+                    others[unit] if unit == "m" and also == "mrad" else f"{others[unit]} or {also}"
+                )
+                yield (
+                    f"{field}.{name}, {value:g} {unit}, is no less than the {band:g} {unit} to "
+                    f"either side within which {name} is at rest; it is given in {unit}, not in "
+                    f"{said}"
+                )
+
+
+def _long(scenario: Scenario) -> Iterator[str]:
+    """Remark on a pole that is no pole."""
+    length = scenario.spans["half_length"][1] if scenario.is_cart_pole else 0.0
+    if length > LONGEST:
+        yield f"l reaches {length:g} m, half the length of the pole; it is given in m, not in mm"

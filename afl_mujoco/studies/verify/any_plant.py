@@ -1,0 +1,328 @@
+"""The checks of a plant that is not the cart-pole: MuJoCo against its own equations, if any."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from types import SimpleNamespace
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.plants.tree import Tree, terms_of
+from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.scenario.parameters import ParameterChange
+from afl_mujoco.scenario.sampling import held_disturbances, time_grid
+from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.simulation.integrator import integrate, rk4_step, scipy_solver, work_space
+from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.metrics import metrics_of
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
+from afl_mujoco.simulation.ode import plant_loop, require_equations, simulate_ode
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
+from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, has_equations
+from afl_mujoco.studies.check import Check as Found
+from afl_mujoco.studies.check import check
+from afl_mujoco.studies.run import Run as Row
+from afl_mujoco.studies.run import run_of
+from afl_mujoco.studies.verify.convergence import (
+    STEPS,
+    Refinement,
+    Study,
+    last_state,
+    sampled_study,
+    studied,
+)
+from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+
+Floats = NDArray[np.float64]
+
+EVERY = 0.25
+"""How long the ODE runs before it starts again from MuJoCo's state [s]."""
+
+FREE = 1.0
+"""Length of a free motion [s]."""
+
+STIR = 3.0
+"""Largest rate by which a free motion starts off the scenario's start [rad/s, m/s]."""
+
+PARTS = 10
+"""Parts of a free motion: each starts where it should, so that none amplifies an error."""
+
+HALVINGS = 12
+"""Its steps are that many: a part, halved again and again."""
+
+SHOWN = (1e-12, 1e-3)
+"""Errors between which an order can be seen: above round-off, and small."""
+
+FINE = (2.5e-4, 1.25e-4)
+"""Control periods between which the order of the hold is observed [s]."""
+
+STILL = 1e-9
+"""Largest error of a run in which so little happens that there is no order to be seen."""
+
+NUDGE = 1e-7
+"""Change of the initial state whose growth is shown."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """How far the two codes are apart after a whole run, beside how much any difference grows."""
+
+    scenario: str
+    controller: str
+    difference: float | None  # of any state at any instant; None if one fell and the other did not
+    amplification: float | None  # of a small change of the initial state
+
+
+# --- the plant ------------------------------------------------------------------------------------
+
+
+def of_plant(scenario: Scenario) -> tuple[list[Check], list[Refinement]]:
+    """Return the checks that need no controller, at the scenario's parameters and beyond."""
+    plant = scenario.plant
+    box = {}
+    for name, one in plant.parameters.items():
+        reached = [x for x in (*scenario.spans[name], one.low, one.high) if x is not None]
+        box[name] = min(reached), max(reached)
+    found = check(plant, box=box)
+    rows = {row.id: row for row in found.checks}
+    checks = [
+        _taken(id, rows[row], found.headline)
+        for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1"))
+        if row in rows
+    ]
+    stale = [rows[id].value for id in ("F1", "F2") if id in rows]
+    failed = [row for row in found.checks if not row.passed and row.id not in ("F1", "F2")]
+    values = {"A1c": float(len(failed))} | ({"A3n": sum(stale)} if stale else {})
+    study, lost = free_motion(scenario)
+    values["A6f"] = lost
+    studies = []
+    if len(study.steps) >= 3:
+        studies = [Refinement.of(study, study="free motion RK4", expected=4.0)]
+        values["A4f"] = studies[0].deviation
+    checks += [CRITERIA[id].judge(values[id]) for id in CRITERIA if id in values]
+    return checks, studies
+
+
+def _taken(id: str, row: Found, headline: str) -> Check:
+    """Return a row of `check` as a check, with its own limit."""
+    taken = replace(CRITERIA[id], limit=row.limit).judge(row.value)
+    return taken if taken.passed else replace(taken, reason=headline)
+
+
+def free_motion(scenario: Scenario) -> tuple[Study, float]:
+    """Return the error of MuJoCo's RK4 over step sizes, and the energy that MuJoCo gains [J].
+
+    There are no inputs, no damping, and what equations of a tree cannot describe is left out.
+    """
+    model = PlantModel(scenario.plant, compared=True)
+    row = model.rows(scenario.values_at(0.0))[0]
+    model.write(row)
+    tree, m, d = Tree(**model.tree(row)), model.mj_model, model.mj_data
+    model.move_freely(FREE / PARTS)
+    n = m.nv
+    start = np.array(scenario.initial_state)
+    start[n:] += np.random.default_rng(0).uniform(-STIR, STIR, n)
+
+    def rate(_: float, state: Floats) -> Floats:
+        d.qpos, d.qvel, d.ctrl = state[:n], state[n:], 0.0
+        mujoco.mj_forward(m, d)
+        return np.concatenate([state[n:], d.qacc])
+
+    def energy(state: Floats) -> Floats:
+        return terms_of(tree, state[:n].copy(), state[n:].copy()).energy
+
+    path = [start]
+    for _ in range(PARTS):
+        path.append(last_state(rate, path[-1], FREE / PARTS))
+    energies = np.array([energy(state) for state in path])
+    lost = float(np.abs(energies.sum(axis=1) - energies[0].sum()).max())
+    steps, errors = [], []
+    for count in (2 ** np.arange(HALVINGS)).tolist():
+        model.move_freely(FREE / PARTS / count)
+        gaps = []
+        for before, after in pairwise(path):
+            mujoco.mj_resetData(m, d)
+            d.qpos, d.qvel = before[:n], before[n:]
+            mujoco.mj_step(m, d, count)
+            gaps.append((np.concatenate([d.qpos, d.qvel]) - after) / (1.0 + np.abs(after)))
+        error = float(np.sqrt(np.mean(np.square(gaps))))
+        if SHOWN[0] < error < SHOWN[1]:
+            steps.append(m.opt.timestep)
+            errors.append(error)
+    scale = max(1.0, float(np.ptp(energies[:, 1])), float(energies[:, 0].max()))
+    return Study(tuple(steps[-4:]), tuple(errors[-4:])), lost / scale
+
+
+# --- a case ---------------------------------------------------------------------------------------
+
+
+class Judged(NamedTuple):
+    """What is found of one case."""
+
+    checks: tuple[Check, ...]
+    runs: tuple[Run, ...]
+    row: Row
+    growth: Growth | None
+    studies: tuple[Refinement, ...]
+
+
+def judge(case: Case) -> Judged:
+    """Run and judge one scenario of any plant with one controller.
+
+    The codes are compared on the ideal loop; requirements are of the run as deployed.
+    """
+    scenario, controller, settings = case
+    ideal, h, period = scenario.ideal, settings.timestep, settings.control_period
+    loop = bound(controller, ideal)
+
+    def simulated(mode: str) -> Trajectory:
+        hold = period if mode == "sampled" else None
+        return simulate_mujoco(ideal, loop, mode, timestep=h, control_period=hold)
+
+    runs = {f"mujoco {mode}": simulated(mode) for mode in ("exact", "continuous", "sampled")}
+    exact, sampled = runs["mujoco exact"], runs[DEPLOYED]
+    values = {
+        "A10r": float(_differ(exact, simulated("exact")) + _differ(sampled, simulated("sampled")))
+    }
+    growth = None
+    if has_equations(scenario.plant):
+        runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
+        values["A5s"] = one_step_difference(ideal, sampled)
+        values["B1r"] = restarted_difference(ideal, loop, exact)
+        growth = growth_of(ideal, loop, runs["ode"], exact)
+    studies: tuple[Refinement, ...] = ()
+    part = studied(ideal)
+    reference = simulate_mujoco(part, loop, "exact", timestep=STEPS[0])
+    if all(run.outcome.kind == COMPLETED for run in (*runs.values(), reference)):
+        hold, _ = sampled_study(part, loop, reference, FINE)
+        if max(hold.errors) > STILL:
+            names = {"scenario": scenario.name, "controller": controller.name}
+            studies = (Refinement.of(hold, study="sampled", expected=1.0, **names),)
+            values["B4f"] = studies[0].deviation
+    deployed = sampled
+    if scenario != ideal:
+        deployed = simulate_mujoco(scenario, bound(controller, scenario))
+    shown = tuple(
+        Run(
+            scenario=scenario.name, controller=controller.name, simulator=name,
+            outcome=str(runs[name].outcome), metrics=metrics_of(runs[name]),
+        )
+        for name in REPORTED if name in runs
+    )  # fmt: skip
+    checks = judged(values, scenario.name, controller.name)
+    return Judged(checks, shown, run_of(scenario, controller, deployed), growth, studies)
+
+
+def _differ(one: Trajectory, other: Trajectory) -> bool:
+    """Return whether two runs differ in any bit."""
+    pairs = ((one.state, other.state), (one.input, other.input))
+    return any(a.tobytes() != b.tobytes() for a, b in pairs)
+
+
+def _distance(one: Floats, other: Floats) -> float:
+    """Return the largest difference of any state at the instants that both runs reached."""
+    count = min(len(one), len(other))
+    return float(np.abs(one[:count] - other[:count]).max())
+
+
+def growth_of(
+    scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory
+) -> Growth:
+    """Return how far the codes are apart over the whole run, and how much a difference grows."""
+    start = np.array(scenario.initial_state)
+    moved = replace(scenario, initial_state=tuple((start + NUDGE).tolist()))
+    nudged = simulate_mujoco(moved, controller, "exact", timestep=float(exact.time[1]))
+
+    def apart(run: Trajectory) -> float | None:
+        alike = run.outcome.kind == exact.outcome.kind and len(run.time) == len(exact.time)
+        return _distance(run.state, exact.state) if alike else None
+
+    grown = apart(nudged)
+    return Growth(
+        scenario=scenario.name, controller=controller.name, difference=apart(ode),
+        amplification=None if grown is None else grown / NUDGE,
+    )  # fmt: skip
+
+
+def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:
+    """Return the largest difference of the ODE, restarted from MuJoCo's state at times, from it.
+
+    It restarts within segments: what happens at a breakpoint is compared as well.
+    """
+    loop, arrive = plant_loop(scenario, controller, ParameterChange())
+    solver = scipy_solver(loop, controller=controller.name, criterion=criterion_of(scenario))
+    rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
+    marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))
+
+    def restarting(segment: Segment, state: Floats, times: Floats) -> tuple[Floats, Outcome | None]:
+        found: list[Floats] = []
+        inside = [mark for mark in marks if segment.start < mark < segment.end]
+        for part in segment.cut_at(inside):
+            here = times[(times >= part.start) & (times <= part.end)]
+            if found:
+                state, here = marks[part.start], here[here > part.start]
+            samples, outcome = solver(part, state, here)
+            found.append(samples)
+            if outcome is not None:
+                return np.concatenate(found), outcome
+        return np.concatenate(found), None
+
+    times, nodes = (
+        time_grid(scenario, float(exact.time[1])),
+        controller.nodes_within(scenario.spans),
+    )
+    states, outcome = integrate(scenario, restarting, arrive, times, nodes=nodes)
+    return _distance(states, exact.state) if outcome.kind == exact.outcome.kind else math.inf
+
+
+def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
+    """Return the largest difference of a step of a sampled run from a textbook RK4 step.
+
+    It is relative to 1 + |x|. Steps are left out in which momenta or masses jump.
+    """
+    held = SimpleNamespace(assumed_values=lambda values: values)
+    derivative, _ = plant_loop(scenario, held, ParameterChange())  # type: ignore[arg-type]
+    timestep = run.provenance["settings"]["timestep"]
+    values = scenario.values(0.5 * (run.time[:-1] + run.time[1:]))
+    disturbed = held_disturbances(scenario, run.time)
+    none, work, worst = (0.0,) * disturbed.impulse.shape[1], work_space(run.state.shape[1]), 0.0
+    after, struck = np.empty(run.state.shape[1]), np.asarray(disturbed.impulse.any(axis=1))
+    # one at the start of a step is in the state there, at the end of the step before
+    jumped = np.logical_and(struck, disturbed.split > 0.0)
+    jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
+    middles = 0.5 * (run.time[:-1] + run.time[1:])
+    joined = np.searchsorted(middles, np.array(scenario.joins)) - 1
+    jumped[joined[(joined >= 0) & (joined < len(jumped))]] = True
+
+    def rates(segment: Segment, time: float, state: Floats, slopes: Floats) -> None:
+        slopes[:] = derivative(time, state, segment)
+
+    for k, (row, push) in enumerate(zip(values.tolist(), disturbed.push.tolist(), strict=True)):
+        step = float(run.time[k + 1] - run.time[k])
+        step = timestep if abs(step - timestep) < 1e-9 else step
+        if jumped[k]:
+            continue
+        held.command = lambda *_, force=run.inputs[k]: force
+        segment = Segment(0.0, step, tuple((x, 0.0) for x in row), tuple(push), none)
+        rk4_step(rates, segment, 0.0, step, run.state[k].copy(), work, after)
+        gap = np.abs(run.state[k + 1] - after) / (1.0 + np.abs(after))
+        worst = max(worst, float(gap.max()) if np.isfinite(gap).all() else math.inf)
+    return worst
+
+
+def require_comparable(scenario: Scenario) -> None:
+    """Raise if its equations, or MuJoCo's exact mode, cannot say what happens in a scenario."""
+    if has_equations(scenario.plant):
+        require_equations(scenario)
+    model = SimulatedModel(scenario.plant)
+    arrive, start = transition(model, scenario), np.array(scenario.initial_state)
+    for segment in scenario.segments:
+        line_of(model, segment)
+        arrive(start, None, segment)

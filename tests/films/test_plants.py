@@ -1,0 +1,127 @@
+"""Films of plants that are not the cart-pole."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.control.own import PythonController
+from afl_mujoco.films.camera import Frame
+from afl_mujoco.films.picture import draw_plots
+from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.scene import open_scene
+from afl_mujoco.films.video import make_films, side_by_side
+from afl_mujoco.scenario.imperfections import Imperfections
+from tests.plants.plants import SMALL, known, small
+
+FPS = 20
+SIZE = (640, 360)
+RUNS = {
+    "quadrotor_load.py:plant": {
+        "initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
+        "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.7},
+        "imperfections": Imperfections(input_limit=12.0, delay=0.02),
+    },
+    "cart_double_pendulum.py:plant": {
+        "initial_state": {"cart": 0.2, "lower": 0.05},
+        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.15))},
+    },
+}
+
+
+def scenario_of(name: str) -> afl.Scenario:
+    return afl.Scenario(name="short", plant=known(name), duration=1.0, **RUNS[name])
+
+
+def still(plant: afl.Plant) -> PythonController:
+    """Return a controller without force, under which a plant falls."""
+    nothing = np.zeros(len(plant.inputs))
+    return PythonController(name="still", plant=plant, function=lambda t, x, p: nothing)
+
+
+def seen(scene, replay, path) -> np.ndarray:
+    """Return first and last row and column of what moves in any frame, (4,)."""
+    found = []
+    for index in range(len(replay.time)):
+        scene.draw(replay, index, path)
+        scene.renderer.enable_segmentation_rendering()
+        picture = scene.renderer.render()
+        scene.renderer.disable_segmentation_rendering()
+        model = scene.model.mj_model
+        geoms = picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM
+        moving = geoms & (model.body_weldid[model.geom_bodyid][picture[..., 0]] > 0)
+        assert moving.any()
+        rows, columns = np.nonzero(moving)
+        found.append((rows.min(), rows.max(), columns.min(), columns.max()))
+    found = np.array(found)
+    return np.array([*found.min(axis=0)[[0, 2]], *found.max(axis=0)[[1, 3]]])
+
+
+@pytest.mark.parametrize("falls", [False, True], ids=["stands", "falls"])
+@pytest.mark.parametrize("name", RUNS)
+def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
+    scenario, frame = replace(scenario_of(name), duration=2.0), Frame()
+    controller = still(scenario.plant) if falls else afl.CONTROLLERS["lqr"]
+    replay = record(scenario, controller, Deployment(), 10)
+    with open_scene(replay, SIZE) as scene:
+        (path,) = scene.paths([replay], 10, SIZE, frame)
+        top, left, bottom, right = seen(scene, replay, path)
+    width, height = SIZE
+    assert top >= frame.top * height - 2 and bottom <= (1.0 - frame.bottom) * height + 2
+    assert left >= frame.side * width - 2 and right <= (1.0 - frame.side) * width + 2
+    across = (right - left) / (1.0 - 2.0 * frame.side) / width
+    upright = (bottom - top) / (1.0 - frame.top - frame.bottom) / height
+    if not falls:  # else the camera follows
+        assert max(across, upright) > 0.75  # boxes around what is round take the rest
+
+
+@pytest.mark.parametrize("beside", [1, 2, 3])
+@pytest.mark.parametrize("name", RUNS)
+def test_a_film_of_any_plant_is_made(graphics, name, beside, tmp_path):
+    scenario = replace(scenario_of(name), duration=0.2)
+    controllers = [afl.CONTROLLERS["lqr"], still(scenario.plant)]
+    controllers.append(replace(controllers[1], name="idle"))
+    film = side_by_side(scenario, controllers[:beside], size=SIZE, fps=FPS)
+    (file,) = make_films([film], tmp_path)
+    assert file.stat().st_size > 1000
+
+
+def test_the_ghost_is_the_loop_without_imperfections():
+    scenario = scenario_of("quadrotor_load.py:plant")
+    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployment(), FPS)
+    ideal = record(scenario.ideal, afl.CONTROLLERS["lqr"], Deployment(), FPS)
+    np.testing.assert_array_equal(replay.ideal, ideal.state)
+    assert ideal.ideal is None
+    assert not np.array_equal(replay.state, ideal.state)
+
+
+def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
+    scenario = scenario_of("cart_double_pendulum.py:plant")
+    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployment(), FPS)
+    names = [label for label, _ in replay.readouts(0)]
+    words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
+    assert names == ["t [s]", *words]
+    labels = []
+    monkeypatch.setattr(
+        "matplotlib.axes.Axes.set_ylabel", lambda self, text, **more: labels.append(text)
+    )
+    draw_plots([replay, replay], (320, 180))
+    assert labels == [*words[2:], words[1], words[0]]
+
+
+@pytest.mark.parametrize("camera", [False, True], ids=["free", "its own"])
+def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, camera):
+    own = '<light pos="0 0 3"/><camera name="a" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>' * camera
+    plant = small(tmp_path, ("<worldbody>", f"<worldbody>{own}"))
+    assert SMALL.count("<camera") == 0
+    scenario = afl.Scenario(name="small", plant=plant, initial_state={"arm": 0.4}, duration=0.2)
+    replay = record(scenario, still(plant), Deployment(), FPS)
+    with open_scene(replay, SIZE) as scene:
+        (path,) = scene.paths([replay], FPS, SIZE, Frame())
+        assert (path.aims is None) == camera
+        assert np.ptp(scene.draw(replay, 0, path)) > 50

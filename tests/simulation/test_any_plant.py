@@ -1,0 +1,309 @@
+"""Scenarios of any plant: the same loop, the same judge, by the plant's own names."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from math import cos, sin
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import load_plant
+from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.simulation.linear import bound
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+QUADROTOR = load_plant(f"{EXAMPLES}/quadrotor_load.py:plant")
+PENDULA = load_plant(f"{EXAMPLES}/cart_double_pendulum.py:plant")
+
+HIT = afl.Impulse(momentum=1.0, time=1.0, coordinate="z")
+
+RENAMED = """
+<mujoco>
+  <option integrator="RK4"><flag autoreset="disable"/></option>
+  <worldbody>
+    <body name="sled">
+      <joint name="way" type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <body name="stick">
+        <joint name="lean" axis="0 -1 0"/>
+        <inertial pos="0 0 .5" mass=".05" diaginertia="1 1 1"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator><motor name="pull" joint="way" ctrlrange="-70 50"/></actuator>
+</mujoco>
+"""
+
+
+def write(p):
+    across = p.stick_mass * p.reach * p.reach / 3.0
+    return {
+        "body sled mass": p.sled_mass,
+        "body stick mass": p.stick_mass,
+        "body stick ipos 2": p.reach,
+        "body stick inertia": (across, across, 0.01 * across),
+        "option gravity 2": -p.weight,
+    }
+
+
+def terms(q, v, p):
+    """The cart-pole's equations, by hand: mass matrix, bias, input."""
+    ml = p.stick_mass * p.reach
+    coupling = -ml * cos(q[1])
+    mass = ((p.sled_mass + p.stick_mass, coupling), (coupling, 4.0 / 3.0 * ml * p.reach))
+    bias = (ml * v[1] ** 2 * sin(q[1]), -ml * p.weight * sin(q[1]))
+    return mass, bias, ((1.0,), (0.0,))
+
+
+SLED = afl.Plant(
+    name="sled",
+    model=RENAMED,
+    coordinates=("way", "lean"),
+    inputs=("pull",),
+    parameters={
+        "sled_mass": afl.Parameter(1.0, "kg", low=0.1, high=2.0),
+        "stick_mass": afl.Parameter(0.05, "kg", low=0.01, high=1.0),
+        "reach": afl.Parameter(0.5, "m", low=0.05, high=1.0),
+        "weight": afl.Parameter(9.81, "m/s^2", low=1.0, high=20.0),
+    },
+    write=write,
+    terms=terms,
+    upright=(0.0, 0.0),
+    wraps=("lean",),
+    ends_at={"lean": 0.5 * np.pi - 1e-3},
+    signals={"top": lambda q, v, p: 2.0 * p.reach * cos(q[1])},
+)
+
+
+def steady(time, state, belief):
+    """A feedback that needs nothing of the plant."""
+    return 5.6 * state[0] - 92.0 * state[1] + 10.9 * state[2] - 26.0 * state[3]
+
+
+def cart_pole(**changes) -> afl.Scenario:
+    """A cart-pole whose M and l change, with most imperfections at once."""
+    given = {
+        "schedule": {
+            "cart_mass": afl.staircase([1.0], [1.0, 1.6]),
+            "half_length": afl.trapezoid([0.5, 1.0, 1.5, 2.0], 0.4, 0.7),
+        },
+        "disturbances": (
+            afl.ForcePulse(force=-5.0, start=1.2003, duration=0.1),
+            afl.Impulse(momentum=0.3, time=2.0004),
+        ),
+        "imperfections": afl.Imperfections(
+            control_period=0.004, delay=0.0033, lag=0.002, slew_rate=4e3, input_limit=50.0,
+            noise={"z": 1e-4, "phi": 5e-4, "z_dot": 1e-3, "phi_dot": 5e-3},
+            encoder_step={"phi": 1e-3}, damping={"z": 1.0}, end_stops={"z": 3.0}, seed=3,
+        ),
+        "initial_state": {"phi": 0.2},
+        "duration": 3.0,
+    }  # fmt: skip
+    return afl.Scenario(name="own", **{**given, **changes})
+
+
+def renamed(scenario: afl.Scenario) -> afl.Scenario:
+    """The same for the plant of other names."""
+    names = {"z": "way", "phi": "lean", "z_dot": "way_dot", "phi_dot": "lean_dot"}
+    r = scenario.imperfections
+    tables = {
+        name: {names[key]: x for key, x in getattr(r, name).items()}
+        for name in ("noise", "encoder_step", "damping", "end_stops")
+    }
+    values = scenario.schedule.values()
+    return afl.Scenario(
+        name="own",
+        plant=SLED,
+        schedule=dict(zip(SLED.parameters, values, strict=True)),
+        disturbances=scenario.disturbances,
+        imperfections=replace(r, **tables),
+        initial_state=scenario.initial_state,
+        duration=scenario.duration,
+    )
+
+
+def test_a_plant_of_other_names_runs_bit_for_bit_as_the_cart_pole() -> None:
+    scenario = cart_pole()
+    one, other = (afl.simulate_mujoco(x, steady) for x in (scenario, renamed(scenario)))
+    assert one.outcome == other.outcome and one.outcome.kind == "completed"
+    for name in ("state", "input", "command"):
+        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
+    words = {"z": "way", "phi": "lean", "force": "pull"}
+    for old, new in words.items():
+        for start in ("iae_", "peak_", "overshoot_", "max_"):
+            if start + old in one.metrics:
+                assert one.metrics[start + old] == other.metrics[start + new]
+
+
+@pytest.mark.parametrize("mode", ["exact", "continuous"])
+def test_mujoco_is_the_plants_own_equations(mode) -> None:
+    ideal = renamed(cart_pole()).ideal
+    run, truth = afl.simulate_mujoco(ideal, steady, mode), afl.simulate_ode(ideal, steady)
+    limit = 1e-10 if mode == "exact" else 1e-6
+    assert np.abs(run.state - truth.state).max() < limit
+    paper = afl.simulate_ode(cart_pole().ideal, steady)
+    assert np.abs(truth.state - paper.state).max() < 1e-10
+
+
+def test_a_quadrotor_that_picks_up_a_load_is_its_equations_under_an_lqr() -> None:
+    scenario = afl.Scenario(
+        name="hover",
+        plant=QUADROTOR,
+        schedule={"load": afl.staircase([0.4], [0.02, 0.3]), "length": 0.6},
+        disturbances=(afl.ForcePulse(force=1.0, start=0.6, duration=0.1, coordinate="x"),),
+        requirements=afl.Requirements(target={"z": 0.5}),
+        initial_state={"x": 0.1},
+        duration=1.0,
+    )
+    lqr = bound(afl.CONTROLLERS["lqr"], scenario)
+    run = afl.simulate_mujoco(scenario, lqr, "exact", timestep=0.01)
+    truth = afl.simulate_ode(scenario, lqr, sample_period=0.01)
+    assert np.abs(run.state - truth.state).max() < 1e-10
+    assert run.input.shape == (len(run.time), 2)
+    height = run.state[:, 1] - 0.6 * np.cos(run.state[:, 3])
+    np.testing.assert_allclose(run.signals["load_height"], height, rtol=1e-14)
+
+
+@pytest.mark.parametrize("plant", [CART_POLE, QUADROTOR, PENDULA, SLED], ids=lambda p: p.name)
+def test_units_and_limits_are_those_of_the_compiled_model(plant) -> None:
+    model = PlantModel(plant).mj_model
+    slides = [kind == mujoco.mjtJoint.mjJNT_SLIDE for kind in model.jnt_type]
+    assert [plant.units[name] == "m" for name in plant.coordinates] == slides
+    limited = model.actuator_ctrllimited.astype(bool)
+    expected = np.where(limited[:, None], model.actuator_ctrlrange, [-np.inf, np.inf])
+    np.testing.assert_array_equal(plant.limits, expected)
+
+
+def test_a_ctrlrange_limits_the_input_and_is_said() -> None:
+    run = afl.simulate_mujoco(
+        afl.Scenario(name="far", plant=SLED, initial_state={"lean": 1.2}, duration=0.5), steady
+    )
+    assert run.input.min() == -70.0 and run.command.min() < -70.0
+    assert run.metrics["limited_share"] > 0.0
+
+
+def test_requirements_go_by_the_plants_names_and_measure_from_the_target() -> None:
+    asked = afl.Requirements(
+        target={"way": 0.5}, max={"way": 0.7, "pull": 75.0, "top": 1.1}, min={"top": 0.9},
+        settling_time=5.0, bands={"way": 0.1},
+    )  # fmt: skip
+    scenario = afl.Scenario(
+        name="to", plant=SLED, requirements=asked, initial_state={"lean": 0.1}, duration=8.0
+    )
+    (row,) = afl.compare(scenario, "lqr").rows
+    found = {one.requirement: one for one in row.requirements}
+    assert list(found) == [
+        *("completes", "max.way", "max.pull", "max.top", "min.top", "settling_time"),
+    ]
+    assert row.failure == "" and row.settled
+    assert found["min.top"].value == pytest.approx(np.cos(0.1), abs=0.05)
+    missed = replace(scenario, requirements=replace(asked, min={"top": 0.99999}))
+    assert afl.compare(missed, "lqr").rows[0].failure == "min.top"
+
+
+def test_without_an_end_a_pole_swings_round_and_is_measured_modulo_a_turn() -> None:
+    free = afl.Requirements(ends_at={}, settling_time=3.0)
+    turned = cart_pole(
+        requirements=free, initial_state={"phi": 2 * np.pi - 0.05}, schedule={}, disturbances=(),
+        imperfections=afl.Imperfections(), duration=5.0,
+    )  # fmt: skip
+
+    def round_the_turn(time, state, belief):
+        return steady(time, (state[0], state[1] - 2 * np.pi, *state[2:]), belief)
+
+    run = afl.simulate_mujoco(turned, round_the_turn)
+    assert run.outcome.kind == "completed"
+    assert run.metrics["peak_phi"] < 0.1
+    hanging = replace(turned, initial_state=(0.0, 3.0, 0.0, 0.0))
+    swung = afl.simulate_mujoco(hanging, lambda time, state, belief: 0.0)
+    assert swung.outcome.kind == "completed" and swung.state[:, 1].max() > 3.2
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"initial_state": {"phi": 0.1}}, "initial_state name must be one of way, lean, way_dot"),
+        ({"initial_state": (0.0, 0.1)}, "initial_state must hold four numbers, got 2"),
+        ({"schedule": {"cart_mass": 1.0}}, "schedule name must be one of sled_mass, stick_mass"),
+        ({"schedule": {"reach": -1.0}}, "schedule.reach must be positive, got -1.0"),
+        ({"imperfections": {"noise": {"phi": 1.0}}}, "imperfections.noise name must be one of way"),
+        ({"imperfections": {"tip_mass_share": 0.1}}, "imperfections.tip_mass_share is of another"),
+        ({"requirements": {"max": {"force": 1.0}}}, "requirements.max name must be one of way"),
+        ({"requirements": {"ends_at": {"z": 1.0}}}, "requirements.ends_at name must be one of way"),
+        ({"requirements": {"bands": {"lean": 2.0}}}, "requirements.bands.lean must be at most"),
+        ({"belief": {"M": 1.0}}, "belief.key must be one of sled_mass, stick_mass"),
+        ({"disturbances": (HIT,)}, "coordinate must be one of way, lean"),
+        ({"plant": 3}, "plant must be of type Plant"),
+    ],
+)  # fmt: skip
+def test_a_name_of_another_plant_is_refused_with_those_of_this(changes, message) -> None:
+    kinds = {"imperfections": afl.Imperfections, "requirements": afl.Requirements}
+    given = {k: kinds[k](**x) if k in kinds else x for k, x in changes.items()}
+    with pytest.raises(AflMujocoError, match="^" + re.escape(message)):
+        afl.Scenario(**{"name": "own", "plant": SLED, **given})
+
+
+def test_a_controller_of_the_cart_pole_is_refused_for_another_plant() -> None:
+    scenario = afl.Scenario(name="own", plant=SLED)
+    with pytest.raises(AflMujocoError, match=r"^controller 'adaptive' is of the cart-pole; plant"):
+        afl.compare(scenario, "adaptive")
+    bare = replace(SLED, upright=None)
+    with pytest.raises(AflMujocoError, match=r"^controller 'lqr' needs a plant that says where"):
+        afl.simulate_mujoco(afl.Scenario(name="own", plant=bare), "lqr")
+
+
+def test_a_controller_of_several_inputs_has_to_return_them_all() -> None:
+    scenario = afl.Scenario(name="own", plant=QUADROTOR, duration=0.1)
+    with pytest.raises(AflMujocoError, match=r"must return 2 numbers \(left, right\) at t = 0 s"):
+        afl.simulate_mujoco(scenario, lambda time, state, belief: 0.0)
+    run = afl.simulate_mujoco(scenario, lambda time, state, belief: (5.0, belief.mass * 5.0))
+    assert run.input[0].tolist() == [5.0, 5.0]
+
+
+def test_a_saved_run_knows_the_names_of_its_plant(tmp_path) -> None:
+    scenario = afl.Scenario(name="own", plant=QUADROTOR, duration=0.1)
+    run = afl.simulate_mujoco(scenario, "lqr")
+    run.save(tmp_path / "run.npz")
+    again = afl.Trajectory.load(tmp_path / "run.npz")
+    assert again.layout == run.layout and again.metrics == run.metrics
+    assert list(again.parameters) == list(QUADROTOR.parameters)
+    with pytest.raises(AttributeError, match="no parameter cart_mass; parameters: mass, inertia"):
+        _ = again.cart_mass
+
+
+def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None:
+    scenario = afl.Scenario(
+        name="caught",
+        plant=QUADROTOR,
+        schedule={"load": afl.staircase([0.2, 0.4], [0.02, 0.4, 0.02])},
+        initial_state={"x_dot": 1.0, "cable": 0.3, "cable_dot": 0.5, "pitch_dot": 0.2},
+        duration=0.5,
+    )
+
+    def off(time, state, belief):
+        return 0.0, 0.0
+
+    run = afl.simulate_mujoco(scenario, off)
+    for other in (afl.simulate_mujoco(scenario, off, "exact"), afl.simulate_ode(scenario, off)):
+        assert np.abs(run.state - other.state).max() < 1e-11
+    # nothing pushes sideways: the momentum along x of frame and load stays while the load is on
+    x_dot, swing = run.state[:, 4], run.parameters["length"] * run.state[:, 7]
+    load = run.parameters["load"]
+    momentum = (1.0 + load) * x_dot + load * swing * np.cos(run.state[:, 3])
+    on = run.time < 0.4 - 1e-9
+    np.testing.assert_allclose(momentum[on], momentum[0], rtol=1e-9)
+    falls = int(np.searchsorted(run.time, 0.4 - 1e-9))
+    assert np.abs(run.state[falls] - run.state[falls - 1])[4:].max() < 0.1
+    env = afl.load(scenario)
+    step, seen = env.reset(), []
+    while not step.last():
+        seen.append(np.concatenate([step.observation["position"], step.observation["velocity"]]))
+        step = env.step(np.zeros(2))
+    np.testing.assert_array_equal(np.array(seen), run.state[: len(seen)])

@@ -1,0 +1,152 @@
+"""The dm_control environment of plants that are not the cart-pole."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from dm_control.rl.control import Environment
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.simulation.task import controller_policy, nearness
+from tests.plants.plants import EXAMPLES, known
+
+PLANTS = {
+    "quadrotor_load.py:plant": {
+        "start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
+        "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.6},
+        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left"),
+    },
+    "cart_double_pendulum.py:plant": {
+        "start": {"lower": 0.02},
+        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.1))},
+        "push": afl.Impulse(momentum=0.01, time=0.3333),
+    },
+}
+
+
+def scenario_of(name: str, **changes: object) -> afl.Scenario:
+    """Return a short run of a plant near its target, with a jump and a disturbance."""
+    given = PLANTS[name]
+    scenario = afl.Scenario(
+        name="short",
+        plant=known(name),
+        schedule=given["schedule"],
+        disturbances=(given["push"],),
+        initial_state=given["start"],
+        duration=1.0,
+    )
+    return replace(scenario, **changes)
+
+
+ROUGH = Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
+
+
+@pytest.mark.parametrize("imperfections", [Imperfections(), ROUGH], ids=["ideal", "rough"])
+@pytest.mark.parametrize("name", PLANTS)
+def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name, imperfections):
+    scenario = scenario_of(name, imperfections=imperfections)
+    settings = {"timestep": 1e-3, "control_period": 5e-3}
+    controller = afl.CONTROLLERS["lqr"]
+    reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
+    environment = afl.load(scenario, **settings)
+    policy = controller_policy(controller, scenario)
+    for _ in range(2):
+        step, states = environment.reset(), []
+        states.append(environment.physics.true_state())
+        while not step.last():
+            step = environment.step(policy(step))
+            states.append(environment.physics.true_state())
+        np.testing.assert_array_equal(states, reference.state[::5])
+    assert reference.outcome.kind == "completed"
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_what_an_episode_shows_is_named_by_the_plant(name):
+    scenario = scenario_of(name)
+    environment = afl.load(scenario, control_period=0.01, force_limit=50.0)
+    step, n = environment.reset(), len(scenario.plant.coordinates)
+    assert step.observation["position"].tolist() == [*scenario.initial_state[:n]]
+    assert step.observation["velocity"].tolist() == [0.0] * n
+    assert step.observation["parameters"].tolist() == scenario.values_at(0.0).tolist()
+    spec = environment.action_spec()
+    assert spec.shape == (len(scenario.plant.inputs),)
+    assert set(spec.maximum) == {50.0}
+    while not step.last():
+        step = environment.step(np.zeros(spec.shape))
+        assert 0.0 < step.reward <= 1.0
+    assert step.observation["parameters"].tolist() == scenario.values_at(1.0).tolist()
+    assert step.discount == 1.0  # nothing ends a run of this plant
+
+
+def test_an_episode_ends_where_the_requirements_say_so():
+    plant = known("cart_double_pendulum.py:plant")
+    asked = afl.Requirements(ends_at={"lower": 0.5})
+    scenario = afl.Scenario(
+        name="falls", plant=plant, initial_state={"lower": 0.1}, requirements=asked
+    )
+    environment = afl.load(scenario, control_period=0.01)
+    step = environment.reset()
+    while not step.last():
+        step = environment.step([0.0])
+    assert step.discount == 0.0
+    assert abs(step.observation["position"][1]) >= 0.5
+    with pytest.raises(InvalidValueError, match=r"^initial_noise must not let lower start fallen"):
+        afl.load(scenario, initial_noise=0.45)
+    starts = afl.load(scenario, initial_noise=0.1, random=1).reset().observation["position"]
+    assert starts[0] == 0.0 and starts[1] != 0.1 and starts[2] != 0.0  # the angles alone
+
+
+def test_nearness_is_1_at_the_target_and_counts_a_coordinate_at_its_band_half():
+    bands = np.array([0.05, 0.02])
+    assert nearness(np.zeros(2), bands) == 1.0
+    assert nearness(np.array([0.05, 0.0]), bands) == pytest.approx(0.75)
+    assert nearness(np.array([[0.05, 0.02], [1e9, 1e9]]), bands) == pytest.approx([0.5, 0.0])
+
+
+def test_a_file_names_the_plant_and_limits_of_its_mjcf_bound_the_action(tmp_path):
+    text = (EXAMPLES / "quadrotor_load.xml").read_text()
+    assert text.count('gear="0 0 1 0 0 0"/>') == 2
+    text = text.replace('gear="0 0 1 0 0 0"/>', 'gear="0 0 1 0 0 0" ctrlrange="0 12"/>')
+    (tmp_path / "quadrotor_load.xml").write_text(text)
+    (tmp_path / "other.py").write_text((EXAMPLES / "quadrotor_load.py").read_text())
+    (tmp_path / "mine.toml").write_text('plant = "other.py:plant"\nduration = 0.5\n')
+    environment = afl.load(tmp_path / "mine.toml", control_period=0.01)
+    spec = environment.action_spec()
+    assert (spec.minimum.tolist(), spec.maximum.tolist()) == ([0.0, 0.0], [12.0, 12.0])
+    assert spec.name == "left, right"  # the MJCF does not say their unit
+    environment.reset()
+    environment.step([-5.0, 20.0])
+    assert environment.physics.control().tolist() == [0.0, 12.0]
+    with pytest.raises(InvalidValueError, match=r"^action must have shape \(2,\)"):
+        environment.step([1.0])
+
+
+def test_each_episode_can_be_another_sample_and_a_copy_goes_on_alone():
+    plant = known("quadrotor_load.py:plant")
+    varied = {"x": (-0.1, 0.1), "load": (0.05, 0.5), "damping.cable": (0.0, 0.01)}
+    scenario = afl.Scenario(name="drawn", plant=plant, duration=1.0, ranges=Ranges(varied=varied))
+    environment = afl.load(scenario, randomize=True, random=1, control_period=0.01)
+    assert isinstance(environment, Environment)
+    loads = {environment.reset().observation["parameters"][2] for _ in range(3)}
+    assert len(loads) == 3
+    physics = environment.physics
+    physics.set_control([5.0, 5.2])
+    physics.step(100)
+    twins = physics.copy(), pickle.loads(pickle.dumps(physics))
+    physics.step(100)
+    for twin in twins:
+        twin.step(100)
+        np.testing.assert_array_equal(twin.get_state(), physics.get_state())
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_picture_shows_a_plant_without_a_light_or_a_camera(name, graphics):
+    picture = afl.load(scenario_of(name)).physics.render(240, 320)
+    assert picture.shape == (240, 320, 3)
+    assert np.ptp(picture) > 100

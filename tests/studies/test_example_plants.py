@@ -1,0 +1,38 @@
+"""The studies on the plants of `examples/`, as their files say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.studies import attraction, montecarlo, thresholds
+from afl_mujoco.studies.run import run_all
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+PLANTS = ("quadrotor_load", "cart_double_pendulum", "double_pendulum")
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
+    scenario = afl.load_scenario(EXAMPLES / f"{name}.toml")
+    (run,) = run_all(afl.CONTROLLERS["lqr"], [scenario])
+    assert [one.requirement for one in run.requirements if not one.met] == []
+    assert {f"peak_{x}" for x in scenario.plant.coordinates} < set(run.metrics)
+
+
+def test_a_quadrotor_has_thresholds_samples_and_a_map() -> None:
+    file, lqr = str(EXAMPLES / "quadrotor_load.toml"), ("lqr",)
+    given = thresholds.Options(
+        scenarios=(file,), controllers=lqr, imperfections=("delay", "load-over"), quick=True
+    )
+    found = thresholds.run(thresholds.prepare(given))
+    delay = found.sweep("delay", "lqr").survives
+    assert delay.holds_at is not None and 1e-3 < delay.holds_at < 0.2
+    drawn = montecarlo.Options(scenario=file, controllers=lqr, samples=4, worst_case=False)
+    runs = montecarlo.run(montecarlo.prepare(drawn), workers=2).runs["lqr"]
+    assert [run.draw for run in runs] == [0, 1, 2, 3] and not any(run.message for run in runs)
+    mapped = attraction.Options(scenario=file, controllers=lqr, grid=2, axes=("x", "pitch"))
+    kinds = attraction.run(attraction.prepare(mapped)).kinds("lqr")
+    assert kinds.shape == (2, 2)

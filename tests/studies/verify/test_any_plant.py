@@ -1,0 +1,155 @@
+"""The checks of a plant that is not the cart-pole, and that they can fail."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from math import sin
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.studies.arrays import packed, unpacked
+from afl_mujoco.studies.cases import REPORTED, Settings
+from afl_mujoco.studies.validate import Options, Request, Result, prepare, report, run
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+LQR = afl.CONTROLLERS["lqr"]
+QUADROTOR, PENDULA, DOUBLE = (
+    load_plant(f"{EXAMPLES}/{name}.py:plant")
+    for name in ("quadrotor_load", "cart_double_pendulum", "double_pendulum")
+)
+STARTS: dict[str, Any] = {
+    "quadrotor-load": {
+        "initial_state": {"x": -0.3, "cable": 0.2},
+        "schedule": {
+            "load": afl.staircase((1.0,), (0.02, 0.3)),
+            "length": afl.piecewise_linear((0.2, 1.2), (0.5, 0.7)),
+        },
+        "disturbances": (
+            ForcePulse(force=1.0, start=0.4, duration=0.1, coordinate="x"),
+            Impulse(momentum=0.05, time=0.7, coordinate="cable"),
+        ),
+        "requirements": Requirements(target={"z": 0.5}),
+    },
+    "cart-double-pendulum": {"initial_state": {"cart": 0.1, "lower": 0.03}},
+    "double-pendulum": {"initial_state": {"shoulder": 3.3, "elbow": 0.1}},
+}
+
+
+def scenario_of(plant: Plant, **changes: Any) -> afl.Scenario:
+    given = STARTS.get(plant.name, {})
+    return afl.Scenario(name="short", plant=plant, **{"duration": 2.0, **given, **changes})
+
+
+def validated(plant: Plant, **changes: Any) -> Result:
+    return run(Request([scenario_of(plant, **changes)], [LQR], Settings()))
+
+
+def failed(result: Result) -> set[str]:
+    return {check.id for check in result.failed_checks}
+
+
+@pytest.mark.parametrize("plant", [QUADROTOR, PENDULA, DOUBLE], ids=lambda plant: plant.name)
+def test_every_check_holds_on_the_examples(plant: Plant) -> None:
+    result = validated(plant)
+    assert result.failed_checks == [] and result.model_verified
+    ids = ["A1e", "A1t", "A1x", "A1c", "A3n", "A4f", "A6f", "B4f", "A5s", "A10r", "B1r"]
+    assert [check.id for check in result.checks] == ids
+    assert [one.simulator for one in result.runs] == list(REPORTED)
+    (growth,) = result.growths
+    assert growth.difference is not None and growth.amplification is not None
+    assert growth.difference < 1e-6 and growth.amplification > 1.0
+    said = report(result)
+    assert said.headline == "CODES AGREE 11/11" and said.passed
+    anchors = [getattr(block, "anchor", "") for block in said.blocks]
+    assert "checks" in anchors and "claims" not in anchors and "decisions" not in anchors
+    assert unpacked(Result, *packed(result)).checks == result.checks
+
+
+def with_terms(plant: Plant, change: Any) -> Plant:
+    """Return a plant whose equations are changed, its MJCF as it was."""
+    own: Any = plant.terms
+
+    def terms(q: Any, v: Any, p: Any) -> Any:
+        return change(q, v, p, *own(q, v, p))
+
+    return replace(plant, terms=terms)
+
+
+def test_a_wrong_sign_in_the_equations_is_found_in_each_comparison_with_them() -> None:
+    def turned(q: Any, v: Any, p: Any, m: Any, h: Any, b: Any) -> Any:
+        pull = p.load * p.length * v[3] ** 2 * sin(q[3])
+        return m, (h[0] + 2 * pull, *h[1:]), b
+
+    result = validated(with_terms(QUADROTOR, turned))
+    assert failed(result) == {"A1e", "A1x", "A1c", "A5s", "B1r"}
+    assert not report(result).passed
+    assert "CODES DIFFER" in report(result).headline
+    (row,) = (check for check in result.checks if check.id == "A1e")
+    assert "bias, x" in row.reason  # what `check` says of it
+
+
+def test_a_mistake_too_small_for_the_run_to_show_is_found_at_random_points() -> None:
+    def heavier(q: Any, v: Any, p: Any, m: Any, h: Any, b: Any) -> Any:
+        return m, (*h[:3], h[3] + 1e-9 * sin(q[3])), b
+
+    result = validated(with_terms(QUADROTOR, heavier))
+    assert {"A1e", "A1x"} <= failed(result) and "A1t" not in failed(result)
+
+
+def test_a_plant_without_equations_gets_what_needs_none() -> None:
+    result = validated(replace(PENDULA, terms=None))
+    ids = ["A1t", "A1c", "A3n", "A4f", "A6f", "B4f", "A10r"]
+    assert [check.id for check in result.checks] == ids and result.failed_checks == []
+    assert [one.simulator for one in result.runs] == list(REPORTED[1:])
+    assert report(result).headline == "CODES AGREE 7/7; model not verified: no equations"
+    assert not unpacked(Result, *packed(result)).model_verified
+
+
+def test_requirements_are_of_the_run_as_deployed_and_the_codes_are_compared_without() -> None:
+    limits = Requirements(max={"load_height": 0.1}, target={"z": 0.5})
+    late = afl.Imperfections(delay=0.01)
+    result = validated(QUADROTOR, requirements=limits, imperfections=late)
+    assert result.failed_checks == [] and not result.passed
+    assert result.rows[0].failure == "max.load_height"
+    assert "1 of 1 runs fail: lqr on short" in report(result).headline
+
+
+def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path) -> None:
+    (tmp_path / "own.toml").write_text(f'plant = "{EXAMPLES}/cart_double_pendulum.py:plant"\n')
+    own = str(tmp_path / "own.toml")
+    assert [one.name for one in prepare(Options(scenarios=(own,))).controllers] == ["lqr"]
+    with pytest.raises(InvalidValueError, match="of one plant in a comparison, got cart-pole, ca"):
+        prepare(Options(scenarios=("nominal", own), controllers=("lqr",)))
+    with pytest.raises(InvalidValueError, match="is of the cart-pole; plant 'cart-double-pen"):
+        prepare(Options(scenarios=(own,), controllers=("adaptive",)))
+    beside = f'plant = "{EXAMPLES}/quadrotor_load.py:plant"\n[[disturbances]]\nshape = "pulse"\n'
+    (tmp_path / "site.toml").write_text(f"{beside}force = 1.0\nstart = 0.1\nduration = 0.1\n"
+                                        'input = "left"\n')  # fmt: skip
+    with pytest.raises(InvalidValueError, match="must name a coordinate in this mode"):
+        prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
+
+
+def test_the_command_writes_what_it_can_read(tmp_path: Path) -> None:
+    text = f'plant = "{EXAMPLES}/double_pendulum.py:plant"\nduration = 1.0\n'
+    (tmp_path / "own.toml").write_text(text + "initial_state = {shoulder = 3.3}\n")
+    command = [sys.executable, "-m", "afl_mujoco", "validate", "own.toml", "--out", "out"]
+    root = str(Path(__file__).parents[3])
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": root},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "PASS: CODES AGREE 11/11" in done.stdout
+    assert {"report.html", "report.json", "junit.xml"} <= {
+        x.name for x in (tmp_path / "out").iterdir()
+    }
