@@ -22,8 +22,11 @@ class Mjcf:
             text = model.read_text("utf-8") if isinstance(model, Path) else model
             root = ElementTree.fromstring(text)
             if isinstance(model, Path):
-                for one in root.findall("include"):
-                    root.extend(ElementTree.parse(model.parent / one.get("file", "")).getroot())
+                for place in [*root.iter()]:
+                    for one in place.findall("include"):
+                        place.extend(
+                            ElementTree.parse(model.parent / one.get("file", "")).getroot()
+                        )
         except (OSError, ValueError, ElementTree.ParseError):
             return
         for one in root.findall("default"):
@@ -55,5 +58,5 @@ class Mjcf:
         inherited = element.get("childclass", inherited)
         for joint in element.findall("joint"):
             self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")
-        for body in element.findall("body"):
-            self._visit(body, inherited)
+        for inner in (*element.findall("body"), *element.findall("frame")):
+            self._visit(inner, inherited)

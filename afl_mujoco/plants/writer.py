@@ -87,7 +87,9 @@ class PlantModel:
         require_compiler(spec)
         self._freeze_inertias()
         self.require(self.last[None])
-        self.notes = require_describable(self.compile(self.last))
+        plain = self.compile(self.last)
+        self._require_read(plain)
+        self.notes = require_describable(plain)
         if compared:
             compare_only_what_equations_have(spec)
         if alter is not None:
@@ -128,6 +130,18 @@ class PlantModel:
             if tuple(given) != names:
                 rule = f"must be every {kind} of the MJCF in its order, {names}"
                 raise InvalidValueError(thing, rule, f"{tuple(given)}")
+
+    def _require_read(self, m: Any) -> None:
+        """Raise unless the plant knows of its MJCF what the compiler makes of it."""
+        rule = "must be in the MJCF, or in a file that it includes itself: its {} is not seen"
+        for i, name in enumerate(self.plant.coordinates):
+            slides = m.jnt_type[i] == int(mujoco.mjtJoint.mjJNT_SLIDE)
+            if (self.plant.units[name] == "m") != slides:
+                raise InvalidValueError(f"joint {name!r}", rule.format("type"))
+        for i, name in enumerate(self.plant.inputs):
+            limited, own = m.actuator_ctrllimited[i], m.actuator_ctrlrange[i]
+            if not np.array_equal(self.plant.limits[i], own if limited else (-np.inf, np.inf)):
+                raise InvalidValueError(f"actuator {name!r}", rule.format("ctrlrange"))
 
     def _written(self, p: Any) -> Mapping[str, Any]:
         """Return what the plant's ``write`` returns, or raise."""

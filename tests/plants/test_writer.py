@@ -9,7 +9,7 @@ import pytest
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.writer import PlantModel
-from tests.plants.plants import NAMES, known, small
+from tests.plants.plants import NAMES, SMALL, known, small
 
 
 def drawn(plant: Plant, count: int) -> np.ndarray:
@@ -36,6 +36,65 @@ def test_rows_from_arrays_are_those_made_one_by_one(name: str) -> None:
     model, p = PlantModel(plant), drawn(known(name), 7)
     one_by_one = [model.rows(row)[0] for row in p]
     np.testing.assert_allclose(model.rows(p), one_by_one, rtol=1e-12)
+
+
+MOTOR = '<motor name="torque" joint="arm"/>'
+SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
+JOINT = '<joint name="arm" axis="0 1 0"/>'
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
+        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
+        (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
+        (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'),
+        (JOINT, f"<frame>{SLIDE}</frame>"),
+    ],
+)
+def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> None:
+    weak = '<default class="weak"><joint type="slide"/><motor ctrlrange="-1 1"/></default>'
+    plant = small(tmp_path, change, ("<worldbody>", f"<default>{weak}</default><worldbody>"))
+    model = PlantModel(plant).mj_model
+    ends = model.actuator_ctrlrange if model.actuator_ctrllimited[0] else [[-np.inf, np.inf]]
+    np.testing.assert_array_equal(plant.limits, ends)
+    slides = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_SLIDE
+    assert (plant.units["arm"], plant.units["torque"]) == (("rad", "N m"), ("m", "N"))[slides]
+
+
+LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
+
+
+def included(folder, deep: int, old: str, new: str) -> Plant:
+    """The small plant with an element in another file, `deep` files away."""
+    for i in range(deep):
+        (folder / f"{i}.xml").write_text(f"<mujoco>{new}</mujoco>")
+        new = f'<include file="{i}.xml"/>'
+    (folder / "whole.xml").write_text(SMALL.split('"""')[1].replace(old, new))
+    return small(folder, ("model=XML", f"model={str(folder / 'whole.xml')!r}"))
+
+
+def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
+    plant = included(tmp_path, 1, MOTOR, LIMITED)
+    PlantModel(plant)
+    assert plant.limits.tolist() == [[-2.0, 3.0]]
+    plant = included(tmp_path, 1, JOINT, SLIDE)
+    PlantModel(plant)
+    assert plant.units["torque"] == "N"
+
+
+@pytest.mark.parametrize(
+    "old, new, refused",
+    [
+        (MOTOR, LIMITED, "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
+        (JOINT, SLIDE, "joint 'arm' must be in the MJCF.* its type is not seen"),
+    ],
+)
+def test_what_is_read_otherwise_than_it_is_compiled_is_refused(old, new, refused, tmp_path) -> None:
+    plant = included(tmp_path, 2, old, new)  # the compiler reads a file of a file
+    with pytest.raises(AflMujocoError, match=refused):
+        PlantModel(plant)
 
 
 @pytest.mark.parametrize(
