@@ -12,7 +12,6 @@ from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
@@ -90,6 +89,7 @@ def reported_runs(
             metrics=metrics(scenario, controller, runs[name]),
         )
         for name in REPORTED
+        if name in runs
     )
 
 
@@ -114,8 +114,3 @@ def require_runnable(
             require_stateless(controller, "this comparison")
             own = bound(controller, scenario)
             controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))
-
-
-def has_equations(plant: Plant) -> bool:
-    """Return whether a plant says its own equations."""
-    return bool(plant.terms or plant.accelerations)

@@ -229,7 +229,7 @@ class Request:
         self.model.require(self.rows, self.points.p)
         self.trees = [Tree(**self.model.tree(row)) for row in self.rows]
         self.equations = self.answers = None
-        if plant.terms or plant.accelerations:
+        if plant.has_equations:
             self.equations = load_equations(plant, self.draw(POINTS, seed + 1))
             self.answers = self.equations.at(self.points)
 

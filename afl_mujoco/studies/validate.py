@@ -55,7 +55,8 @@ from afl_mujoco.studies.verify.criteria import Check
 from afl_mujoco.studies.verify.curves import Curves, select_curves
 from afl_mujoco.studies.verify.explanation import (
     ErrorBudget,
-    Explanation,
+    Growth,
+    Judged,
     Ledger,
     Omission,
     explain,
@@ -162,7 +163,7 @@ class Result:
     decisions: Mapping[str, str] = field(default_factory=lambda: dict(DECISIONS))
     settings: Settings = field(default_factory=Settings)
     scenarios: tuple[Scenario, ...]
-    growths: tuple[any_plant.Growth, ...] = ()
+    growths: tuple[Growth, ...] = ()
     curves: Mapping[str, Curves]
 
     def __post_init__(self) -> None:
@@ -214,23 +215,26 @@ class Result:
 def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> Result:
     """Judge every scenario with every controller; the result does not depend on the workers."""
     scenarios, controllers, settings = request
-    if not scenarios[0].is_cart_pole:
-        return _run_of_any_plant(request, workers, progress)
-    scales = nominal_scales(settings.timestep)
+    paper = scenarios[0].is_cart_pole
     published = {s.name for s in scenarios if is_published(s)}
     claimed = decidable({(name, c.name) for name in published for c in controllers})
-    parts: list[Callable[[], Any]] = [partial(_of_equations, settings.full)]
-    parts += [partial(judge, (s, c, settings)) for s in scenarios for c in controllers]
+    parts: list[Callable[[], Any]] = (
+        [partial(_of_equations, settings.full)]
+        if paper
+        else [partial(any_plant.of_plant, one) for one in scenarios]
+    )
+    whole, of_case = len(parts), judge if paper else any_plant.judge
+    parts += [partial(of_case, (s, c, settings)) for s in scenarios for c in controllers]
     progress("checking", 0, len(parts))
     with open_executor(min(workers, len(parts))) as executor:
         done = compute_all(call, parts, executor, counted(progress, "checking", len(parts)))
-    checks, studies = done[0]
-    judged: list[Judged] = done[1:]
-    runs = tuple(
-        replace(run, metrics=with_objective(run.metrics, scales))
-        for case in judged
-        for run in case.runs
-    )
+    checks = [check for found, _ in done[:whole] for check in found]
+    studies = [study for _, found in done[:whole] for study in found]
+    judged: list[Judged] = done[whole:]
+    runs = tuple(run for case in judged for run in case.runs)
+    if paper:
+        scales = nominal_scales(settings.timestep)
+        runs = tuple(replace(one, metrics=with_objective(one.metrics, scales)) for one in runs)
     decisive = {
         (run.scenario, run.controller): run.metrics
         for run in runs
@@ -242,6 +246,7 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
         studies += case.explanation.studies
     rows = tuple(case.row for case in judged)
     explained = [case.explanation for case in judged]
+    drawn = [case.curves for case in judged if case.curves]
     return Result(
         verdict=verdict_of(checks, rows),
         checks=tuple(checks),
@@ -252,37 +257,12 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
         error_budgets=tuple(e.budget for e in explained if e.budget),
         ledgers=tuple(e.ledger for e in explained if e.ledger),
         omissions=tuple(e.omission for e in explained if e.omission),
+        growths=tuple(e.growth for e in explained if e.growth),
         studies=tuple(studies),
+        decisions=DECISIONS if paper else {},
         settings=settings,
         scenarios=tuple(scenarios),
-        curves={f"{c.curves.scenario}/{c.curves.controller}": c.curves for c in judged},
-    )
-
-
-def _run_of_any_plant(request: Request, workers: int, progress: Progress) -> Result:
-    """Judge scenarios of a plant that is not the cart-pole."""
-    scenarios, controllers, settings = request
-    cases: list[Case] = [(s, c, settings) for s in scenarios for c in controllers]
-    parts: list[Callable[[], Any]] = [partial(any_plant.of_plant, one) for one in scenarios]
-    parts += [partial(any_plant.judge, case) for case in cases]
-    progress("checking", 0, len(parts))
-    with open_executor(min(workers, len(parts))) as executor:
-        done = compute_all(call, parts, executor, counted(progress, "checking", len(parts)))
-    plants, judged = done[: len(scenarios)], done[len(scenarios) :]
-    checks = [x for found, _ in plants for x in found] + [x for one in judged for x in one.checks]
-    rows = tuple(one.row for one in judged)
-    return Result(
-        verdict=verdict_of(checks, rows),
-        checks=tuple(checks),
-        runs=tuple(run for one in judged for run in one.runs),
-        rows=rows,
-        studies=tuple(x for _, found in plants for x in found)
-        + tuple(x for one in judged for x in one.studies),
-        decisions={},
-        settings=settings,
-        scenarios=tuple(scenarios),
-        growths=tuple(one.growth for one in judged if one.growth),
-        curves={},
+        curves={f"{one.scenario}/{one.controller}": one for one in drawn},
     )
 
 
@@ -293,16 +273,6 @@ def _of_equations(full: bool) -> tuple[list[Check], list[Refinement]]:
         return checks, []
     swings = free_swings()
     return [*checks, *reference_checks(swings), plateau_check()], list(swings)
-
-
-class Judged(NamedTuple):
-    """What is found of one case."""
-
-    checks: tuple[Check, ...]
-    runs: tuple[Run, ...]
-    row: Row
-    explanation: Explanation
-    curves: Curves
 
 
 def judge(case: Case) -> Judged:

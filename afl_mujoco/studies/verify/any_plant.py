@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
-from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -20,15 +19,13 @@ from afl_mujoco.scenario.sampling import held_disturbances, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import integrate, rk4_step, scipy_solver, work_space
 from afl_mujoco.simulation.linear import bound
-from afl_mujoco.simulation.metrics import metrics_of
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import plant_loop, require_equations, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, Run, has_equations
+from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
-from afl_mujoco.studies.run import Run as Row
 from afl_mujoco.studies.run import run_of
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
@@ -39,6 +36,7 @@ from afl_mujoco.studies.verify.convergence import (
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+from afl_mujoco.studies.verify.explanation import Explanation, Growth, Judged
 
 Floats = NDArray[np.float64]
 
@@ -68,16 +66,6 @@ STILL = 1e-9
 
 NUDGE = 1e-7
 """Change of the initial state whose growth is shown."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Growth:
-    """How far the two codes are apart after a whole run, beside how much any difference grows."""
-
-    scenario: str
-    controller: str
-    difference: float | None  # of any state at any instant; None if one fell and the other did not
-    amplification: float | None  # of a small change of the initial state
 
 
 # --- the plant ------------------------------------------------------------------------------------
@@ -163,16 +151,6 @@ def free_motion(scenario: Scenario) -> tuple[Study, float]:
 # --- a case ---------------------------------------------------------------------------------------
 
 
-class Judged(NamedTuple):
-    """What is found of one case."""
-
-    checks: tuple[Check, ...]
-    runs: tuple[Run, ...]
-    row: Row
-    growth: Growth | None
-    studies: tuple[Refinement, ...]
-
-
 def judge(case: Case) -> Judged:
     """Run and judge one scenario of any plant with one controller.
 
@@ -192,7 +170,7 @@ def judge(case: Case) -> Judged:
         "A10r": float(_differ(exact, simulated("exact")) + _differ(sampled, simulated("sampled")))
     }
     growth = None
-    if has_equations(scenario.plant):
+    if scenario.plant.has_equations:
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled)
         values["B1r"] = restarted_difference(ideal, loop, exact)
@@ -209,15 +187,13 @@ def judge(case: Case) -> Judged:
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))
-    shown = tuple(
-        Run(
-            scenario=scenario.name, controller=controller.name, simulator=name,
-            outcome=str(runs[name].outcome), metrics=metrics_of(runs[name]),
-        )
-        for name in REPORTED if name in runs
-    )  # fmt: skip
-    checks = judged(values, scenario.name, controller.name)
-    return Judged(checks, shown, run_of(scenario, controller, deployed), growth, studies)
+    return Judged(
+        judged(values, scenario.name, controller.name),
+        reported_runs(ideal, loop, runs),
+        run_of(scenario, controller, deployed),
+        Explanation(studies=studies, growth=growth),
+        None,
+    )
 
 
 def _differ(one: Trajectory, other: Trajectory) -> bool:
@@ -290,14 +266,14 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     held = SimpleNamespace(assumed_values=lambda values: values)
     derivative, _ = plant_loop(scenario, held, ParameterChange())  # type: ignore[arg-type]
     timestep = run.provenance["settings"]["timestep"]
-    values = scenario.values(0.5 * (run.time[:-1] + run.time[1:]))
+    middles = 0.5 * (run.time[:-1] + run.time[1:])
+    values = scenario.values(middles)
     disturbed = held_disturbances(scenario, run.time)
     none, work, worst = (0.0,) * disturbed.impulse.shape[1], work_space(run.state.shape[1]), 0.0
     after, struck = np.empty(run.state.shape[1]), np.asarray(disturbed.impulse.any(axis=1))
     # one at the start of a step is in the state there, at the end of the step before
     jumped = np.logical_and(struck, disturbed.split > 0.0)
     jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
-    middles = 0.5 * (run.time[:-1] + run.time[1:])
     joined = np.searchsorted(middles, np.array(scenario.joins)) - 1
     jumped[joined[(joined >= 0) & (joined < len(jumped))]] = True
 
@@ -319,7 +295,7 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
 
 def require_comparable(scenario: Scenario) -> None:
     """Raise if its equations, or MuJoCo's exact mode, cannot say what happens in a scenario."""
-    if has_equations(scenario.plant):
+    if scenario.plant.has_equations:
         require_equations(scenario)
     model = SimulatedModel(scenario.plant)
     arrive, start = transition(model, scenario), np.array(scenario.initial_state)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -30,6 +31,8 @@ from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
+from afl_mujoco.studies.cases import Run
+from afl_mujoco.studies.run import Run as Row
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
@@ -42,6 +45,7 @@ from afl_mujoco.studies.verify.convergence import (
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+from afl_mujoco.studies.verify.curves import Curves
 
 # --- the error budget ---------------------------------------------------------------------------
 
@@ -307,6 +311,16 @@ class Omission:
     momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """How far the two codes are apart after a whole run, beside how much any difference grows."""
+
+    scenario: str
+    controller: str
+    difference: float | None  # of any state at any instant; None if one fell and the other did not
+    amplification: float | None  # of a small change of the initial state
+
+
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """The explanation of one case; tables are None for a run that did not complete."""
@@ -315,7 +329,18 @@ class Explanation:
     budget: ErrorBudget | None = None
     ledger: Ledger | None = None
     omission: Omission | None = None
-    studies: tuple[Refinement, ...] = ()  # behind B2o, B4 and B4s
+    studies: tuple[Refinement, ...] = ()  # behind B2o, B4, B4f and B4s
+    growth: Growth | None = None  # of another plant than the cart-pole
+
+
+class Judged(NamedTuple):
+    """What is found of one case."""
+
+    checks: tuple[Check, ...]
+    runs: tuple[Run, ...]
+    row: Row
+    explanation: Explanation
+    curves: Curves | None  # of the cart-pole only
 
 
 def explain(
