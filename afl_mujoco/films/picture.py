@@ -27,7 +27,6 @@ from afl_mujoco.films.replay import Replay, labelled
 from afl_mujoco.films.scene import GHOST, open_scene
 from afl_mujoco.films.standpoint import Standpoint
 from afl_mujoco.report.style import colours
-from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
 
 Picture = NDArray[np.uint8]
@@ -293,7 +292,7 @@ def _plot_plant(
             lines += axis.plot(replay.time, curve, **style)
     count = len(lines) // len(replays)
     first = len(plant.coordinates)
-    for axis, (low, high) in zip(axes[first:], _limits(scenario), strict=False):
+    for axis, (low, high) in zip(axes[first:], scenario.limits.tolist(), strict=False):
         for limit in (low, high):
             if math.isfinite(limit):
                 axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
@@ -301,16 +300,6 @@ def _plot_plant(
         lines += axis.plot(replays[0].time, curve, **PLAIN)
     _label(axes, labels, end, axes[-columns:], lines[: count * len(replays) : count])
     return axes, lines
-
-
-def _limits(scenario: Scenario) -> list[tuple[float, float]]:
-    """Return the limits of each input, those of the MJCF and of the hardware."""
-    found = []
-    limits: list[tuple[float, float]] = scenario.plant.limits.tolist()
-    for name, (low, high) in zip(scenario.plant.inputs, limits, strict=True):
-        limit = scenario.imperfections.of_input("input_limit", name) or math.inf
-        found.append((max(low, -limit), min(high, limit)))
-    return found
 
 
 def _label(

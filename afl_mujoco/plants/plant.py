@@ -369,6 +369,11 @@ class Plant:
         pairs = zip(self.parameters, columns, strict=True)
         return SimpleNamespace(**{k: c if c.ndim else float(c) for k, c in pairs})
 
+    @property
+    def has_equations(self) -> bool:
+        """Whether it says what it should obey."""
+        return self.accelerations is not None or self.terms is not None
+
     @cached_property
     def units(self) -> Mapping[str, str]:
         """The units of states, inputs and parameters by name, as far as the MJCF says them."""
@@ -376,9 +381,9 @@ class Plant:
         slides = {name: one.get("type") == "slide" for name, one in there.joints.items()}
         lengths = {name: "m" if slides.get(name) else "rad" for name in self.coordinates}
         rates = {f"{name}_dot": f"{unit}/s" for name, unit in lengths.items()}
-        moved = {name: one.get("joint") for name, one in there.motors.items()}
-        known = {True: "N", False: "N m"}
-        drives = {name: known.get(slides.get(moved.get(name)), "") for name in self.inputs}  # type: ignore[arg-type]
+        moved = {name: one.get("joint", "") for name, one in there.motors.items()}
+        known = {True: "N", False: "N m", None: ""}
+        drives = {name: known[slides.get(moved.get(name, ""))] for name in self.inputs}
         return {**lengths, **rates, **drives, **{k: p.unit for k, p in self.parameters.items()}}
 
     @cached_property

@@ -47,6 +47,11 @@ def scheduled(plant: Plant) -> tuple[str, ...]:
     return tuple(SCHEDULES) if plant is CART_POLE else tuple(plant.parameters)
 
 
+def scheduled_columns(plant: Plant) -> list[int]:
+    """Return where they stand among all parameters of the plant."""
+    return [[*plant.parameters].index(name) for name in scheduled(plant)]
+
+
 @cache
 def variable(plant: Plant) -> tuple[str, ...]:
     """Return everything of a plant that may vary, in the order of the axes."""

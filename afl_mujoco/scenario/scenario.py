@@ -282,6 +282,14 @@ class Scenario:
         return found
 
     @property
+    def limits(self) -> NDArray[np.float64]:
+        """What each input can exert, by the MJCF and by its drive [N, N m], shape (inputs, 2)."""
+        drives = [self.imperfections.of_input("input_limit", name) for name in self.plant.inputs]
+        most = np.array([math.inf if limit is None else limit for limit in drives])
+        low, high = self.plant.limits.T
+        return np.stack([np.maximum(low, -most), np.minimum(high, most)], axis=1)
+
+    @property
     def target(self) -> tuple[float, ...]:
         """Where the coordinates should be: as required, else upright, else 0."""
         own = self.plant.upright or (0.0,) * len(self.plant.coordinates)

@@ -99,10 +99,3 @@ def rest_of(model: PlantModel, q: NDArray[np.float64], values: NDArray[np.float6
         forward, back = (model.at(q, x, none)[1] for x in (step, -step))
         damping[:, i] = (forward - back) / (2.0 * STEP)
     return Rest(mass, bias, inputs, stiffness, damping)
-
-
-def require_plants(controllers: list[Controller], scenarios: list[Scenario]) -> None:
-    """Raise if a controller is of another plant than one of the scenarios."""
-    for scenario in scenarios:
-        for controller in controllers:
-            bound(controller, scenario)

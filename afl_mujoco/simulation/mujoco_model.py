@@ -153,30 +153,8 @@ def impulse_jump(at, impulse, out):
 class SimulatedModel:
     """A plant's MuJoCo model whose parameters and imperfections can be changed while it runs.
 
-    Parameters
-    ----------
-    plant
-        The plant, compiled at its nominal parameters.
-    timestep
-        MuJoCo's timestep [s].
-    integrator
-        ``"RK4"``, ``"Euler"``, ``"implicit"`` or ``"implicitfast"``.
-    edit
-        Called with the `mujoco.MjSpec` before it is compiled, to add what is left out.
-    imperfections
-        Passive physics, on top of what `edit` adds.
-
-    Attributes
-    ----------
-    mj_model, mj_data
-        The compiled `mujoco.MjModel` and its `mujoco.MjData`.
-    addresses
-        Where compiled code finds them: `Addresses`.
-
-    Raises
-    ------
-    AflMujocoError
-        If a setting breaks its rule, or the MJCF cannot be read.
+    It has the nominal parameters at first. Settings are those of `CartPoleModel`, which is the
+    public one.
     """
 
     def __init__(
@@ -201,10 +179,8 @@ class SimulatedModel:
         self.plant = plant
         self.writer = PlantModel(plant, alter=alter)
         self.mj_model, model = self.writer.mj_model, self.writer.mj_model
-        limited = model.actuator_ctrllimited.astype(bool)
-        everything = np.array([-np.inf, np.inf])
-        self.limits = np.where(limited[:, None], model.actuator_ctrlrange, everything)
-        model.actuator_ctrllimited[:] = 0  # the drives keep within them, and say that they do
+        # the drives keep within the limits of the inputs, and say that they do
+        model.actuator_ctrllimited[:] = 0
         self._compiled = {name: getattr(model, name).copy() for name in PASSIVE}
         self.drive(self.writer.mj_data)
         if imperfections != IDEAL:
@@ -259,6 +235,15 @@ class SimulatedModel:
         exerted[:], beside[:] = inputs, forces
         forward(at, np.array(state, np.float64), exerted, beside, found)
         return found
+
+    def course(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the rows that are written along a course of parameters, and which is written when.
+
+        values: Shape (N, parameters); where they stay, so does the row.
+        """
+        changed = np.ones(len(values), dtype=np.bool_)
+        changed[1:] = (values[1:] != values[:-1]).any(axis=1)
+        return np.ascontiguousarray(self.rows(values[changed])), np.cumsum(changed) - 1
 
     def set_imperfections(self, imperfections: Imperfections) -> None:
         """Change passive physics and mass distribution to those of `imperfections` alone.

@@ -14,7 +14,7 @@ from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.library import mj_forward, write_row
 from afl_mujoco.scenario.belief import TRUTH
-from afl_mujoco.scenario.ranges import scheduled
+from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.sampling import instants, step_times
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.decor import (
@@ -112,18 +112,17 @@ def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold:
     told = now
     if r.parameter_delay or s.belief != TRUTH:
         told = told_parameters(s, at)
-    changed = np.ones(len(now), dtype=np.bool_)
-    changed[1:] = (now[1:] != now[:-1]).any(axis=1)
-    columns = [[*plant.parameters].index(name) for name in scheduled(plant)]
+    rows, which = model.course(now)
+    columns = scheduled_columns(plant)
     return Episode(
         timestep=float(timestep),
         profile=profile,
-        rows=np.ascontiguousarray(model.rows(now[changed])),
-        which=np.cumsum(changed) - 1,
+        rows=rows,
+        which=which,
         now=np.ascontiguousarray(now[:, columns]),
         told=np.ascontiguousarray(told[:, columns]),
         sensors=sensors_of(s, hold * timestep),
-        actuators=actuators_of(s, model.limits, timestep, count),
+        actuators=actuators_of(s, timestep, count),
     )
 
 
@@ -218,11 +217,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
     def addresses(self) -> Any:
         """`SimulatedModel.addresses` of its model and data."""
         return self._model.addresses
-
-    @property
-    def limits(self) -> NDArray[np.float64]:
-        """`SimulatedModel.limits` of the inputs."""
-        return self._model.limits
 
     @property
     def instant(self) -> int:

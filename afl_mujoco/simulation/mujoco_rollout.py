@@ -248,7 +248,7 @@ def closed_loop(
     """Return the right-hand side of the same loop, called from Python, for any plant."""
     at, space = model.addresses, work_space(model)
     lines: dict[Segment, Line] = {}
-    low, high = model.limits.T
+    low, high = model.plant.limits.T
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
         if segment not in lines:

@@ -318,7 +318,7 @@ def plant_loop(
 def require_equations(scenario: Scenario, change: ParameterChange | None = None) -> None:
     """Raise unless the equations of a plant can say what happens in a scenario."""
     plant = scenario.plant
-    if plant.terms is None and plant.accelerations is None:
+    if not plant.has_equations:
         rule = "must have accelerations or terms, its equations, to be integrated"
         raise InvalidValueError(f"plant {plant.name!r}", rule)
     if change is not None and not change.is_the_papers:

@@ -16,7 +16,7 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.ranges import scheduled
+from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.linear import bound
@@ -195,7 +195,7 @@ class Balance(control.Task):  # type: ignore[misc]
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Return the bounds of the inputs [N, N m]."""
         plant = physics.scenario.plant
-        low, high = np.clip(physics.limits, -self._limit, self._limit).T
+        low, high = np.clip(plant.limits, -self._limit, self._limit).T
         units = [f" [{plant.units[name]}]" if plant.units[name] else "" for name in plant.inputs]
         words = ", ".join(map("".join, zip(plant.inputs, units, strict=True)))
         return specs.BoundedArray((len(low),), np.float64, low, high, name=words)
@@ -205,7 +205,7 @@ class Balance(control.Task):  # type: ignore[misc]
         values, control = np.asarray(action, dtype=np.float64), physics.data.ptr.ctrl
         if values.shape != control.shape:
             raise InvalidValueError("action", f"must have shape {control.shape}", values.shape)
-        for i, (low, high) in enumerate(physics.limits.tolist()):
+        for i, (low, high) in enumerate(physics.scenario.plant.limits.tolist()):
             force = require_finite("action", values[i])
             control[i] = min(max(force, -self._limit, low), self._limit, high)
 
@@ -357,10 +357,10 @@ def controller_policy(
     """
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
-    controller, plant = bound(controller, scenario), scenario.plant
+    controller = bound(controller, scenario)
     period, tick, own = control_period or 0.0, 0, controller.start()
     told = scenario.told_values(np.zeros(1))
-    columns = [[*plant.parameters].index(name) for name in scheduled(plant)]
+    columns = scheduled_columns(scenario.plant)
 
     def policy(time_step: TimeStep) -> NDArray[np.float64]:
         nonlocal tick, own

@@ -195,12 +195,9 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
 
     def _limits(self, force_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the inputs of actions of -1 and 1."""
-        scenario, physics = self.scenario, self.dm_environment.physics
-        low, high = np.clip(physics.limits, -force_limit, force_limit).T
-        if not scenario.is_cart_pole:
-            names, own = scenario.plant.inputs, scenario.imperfections
-            limits = [own.of_input("input_limit", name) or math.inf for name in names]
-            low, high = np.maximum(low, np.negative(limits)), np.minimum(high, limits)
+        scenario = self.scenario
+        own = scenario.plant.limits if scenario.is_cart_pole else scenario.limits
+        low, high = np.clip(own, -force_limit, force_limit).T
         return low, high
 
     @property

@@ -150,23 +150,18 @@ def sensors_of(scenario: Scenario, period: float) -> Sensors:
     )
 
 
-def actuators_of(
-    scenario: Scenario, limits: NDArray[np.float64], timestep: float, steps: int
-) -> NDArray[Any]:
+def actuators_of(scenario: Scenario, timestep: float, steps: int) -> NDArray[Any]:
     """Return how the hardware of a scenario acts, shape (k,) of `ACTUATOR`.
 
-    limits: Limits of each input in the model, shape (k, 2).
     timestep: Physics step [s].
     """
     r, inputs = scenario.imperfections, scenario.plant.inputs
     found = np.zeros(len(inputs), ACTUATOR)
-    for one, name, (low, high) in zip(found, inputs, limits.tolist(), strict=True):
+    for one, name, limits in zip(found, inputs, scenario.limits.tolist(), strict=True):
         delay = min(r.of_input("delay", name) / timestep, steps + 1.0)
         late = math.floor(delay + SNAP)
-        limit, slew = r.of_input("input_limit", name), r.of_input("slew_rate", name)
-        one["low"], one["high"] = low, high
-        if limit is not None:
-            one["low"], one["high"] = max(low, -limit), min(high, limit)
+        slew = r.of_input("slew_rate", name)
+        one["low"], one["high"] = limits
         one["slew"] = math.inf if slew is None else slew * timestep
         one["late"], one["later_share"] = late, delay - late if delay - late > SNAP else 0.0
         one["lag"] = r.of_input("lag", name) / timestep

@@ -165,7 +165,7 @@ def prepare(
             criterion=criterion_of(s),
         ),
         sensors=sensors_of(s, period),
-        actuators=actuators_of(s, model.limits, timing.timestep, count),
+        actuators=actuators_of(s, timing.timestep, count),
         profile=input_profile(model, s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
         estimator=controller.estimator_for(
@@ -200,9 +200,7 @@ def input_profile(
 
     times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
     """
-    values = scenario.values(0.5 * (times[:-1] + times[1:]))
-    changed = np.ones(len(values), dtype=np.bool_)
-    changed[1:] = (values[1:] != values[:-1]).any(axis=1)
+    rows, which = model.course(scenario.values(0.5 * (times[:-1] + times[1:])))
     held = held_disturbances(scenario, times)
     push, beside = model.generalised(held.push)
     impulse, at_site = model.generalised(held.impulse)
@@ -210,8 +208,8 @@ def input_profile(
         rule = "must name a coordinate: this input does not act on one joint"
         raise InvalidValueError("impulse on an input", rule)
     return loop.Profile(
-        rows=np.ascontiguousarray(model.rows(values[changed])),
-        which=np.cumsum(changed) - 1,
+        rows=rows,
+        which=which,
         push=push,
         beside=beside,
         impulse=impulse,

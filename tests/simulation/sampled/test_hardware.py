@@ -56,7 +56,7 @@ def forces(imperfections, commands, h=H):
 def drive_of(imperfections, h, steps):
     """The drive of a cart-pole without limits in its MJCF."""
     scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
-    return actuators_of(scenario, np.array([[-np.inf, np.inf]]), h, steps)
+    return actuators_of(scenario, h, steps)
 
 
 @pytest.fixture
