@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +21,9 @@ Floats = NDArray[np.float64]
 NODES = 16
 """Gains are computed at so many values within the bounds of a parameter that ramps, and
 interpolated between them."""
+
+MOST_KNOWN = 4096
+"""Designs that are kept for the runs of one plant to share."""
 
 HOLDS = 1e-6
 """Share of the forces at rest that inputs may leave over."""
@@ -74,7 +77,7 @@ class LinearFeedback(Controller):
     largest: tuple[float, ...]  # of the states
     most: tuple[float, ...]  # of the inputs; 0 for that of holding the plant
     grids: Mapping[int, tuple[float, float]]  # first node and spacing of parameters with ramps
-    known: dict[bytes, Floats] = field(default_factory=dict, repr=False)  # by parameters
+    known: dict[bytes, Floats]  # designs by parameters, shared by runs
     belief: None = None
 
     @property
@@ -120,10 +123,13 @@ class LinearFeedback(Controller):
     def _designed(self, values: Floats) -> Floats:
         """Return holding inputs and gains for some parameters, computed once."""
         key = values.tobytes()
-        if key not in self.known:
+        if (found := self.known.get(key)) is None:
             held, gains = self.gains(values)
-            self.known[key] = np.concatenate([held, gains.ravel()])
-        return self.known[key]
+            found = np.concatenate([held, gains.ravel()])
+            if len(self.known) >= MOST_KNOWN:
+                self.known.clear()
+            self.known[key] = found
+        return found
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of parameters at which the gains are not smooth, by name."""

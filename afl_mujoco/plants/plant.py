@@ -365,9 +365,9 @@ class Plant:
 
     def named(self, values: NDArray[np.float64]) -> SimpleNamespace:
         """Return parameters by name: floats from shape (parameters,), arrays from one more axis."""
-        columns = np.moveaxis(np.asarray(values, dtype=np.float64), -1, 0)
-        pairs = zip(self.parameters, columns, strict=True)
-        return SimpleNamespace(**{k: c if c.ndim else float(c) for k, c in pairs})
+        values = np.asarray(values, dtype=np.float64)
+        columns: Any = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
+        return SimpleNamespace(**dict(zip(self.parameters, columns, strict=True)))
 
     @property
     def has_equations(self) -> bool:

@@ -62,15 +62,23 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
         first, last = min(low, one.low or low), max(high, one.high or high)
         if any(segment.lines[i][1] for segment in scenario.segments):
             grids[i] = first, (last - first) / NODES
+    target, largest = scenario.target, largest_of(plant, dict(asked))
     return LinearFeedback(
         name="lqr",
         plant=plant,
         rest=rest,
-        target=scenario.target,
-        largest=largest_of(plant, dict(asked)),
+        target=target,
+        largest=largest,
         most=tuple(most),
         grids=grids,
+        known=_known(plant, target, largest, tuple(most)),
     )
+
+
+@lru_cache(maxsize=32)
+def _known(plant: Plant, *weights: tuple[float, ...]) -> dict[bytes, NDArray[np.float64]]:
+    """Return where the designs of a plant with some target and weights are kept."""
+    return {}
 
 
 @lru_cache(maxsize=32)
