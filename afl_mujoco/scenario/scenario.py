@@ -108,6 +108,12 @@ def _state(thing: str, value: Any, plant: Plant) -> tuple[float, ...]:
     return state
 
 
+def _columns(given: Iterable[NDArray[np.float64]], count: int) -> NDArray[np.float64]:
+    """Return columns of so many rows side by side; there may be none."""
+    columns = list(given)
+    return np.stack(columns, axis=-1) if columns else np.empty((count, 0))
+
+
 def _rule(parameter: Parameter) -> Check:
     """Return the rule for values of a parameter: one that is never 0 is positive."""
     return require_plausible if (parameter.low or 0.0) > 0.0 else require_finite
@@ -324,7 +330,7 @@ class Scenario:
 
     def values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the true parameters at some times [s], shape (N, parameters)."""
-        return np.stack([schedule(times) for schedule in self.schedule.values()], axis=-1)
+        return _columns((schedule(times) for schedule in self.schedule.values()), len(times))
 
     def values_at(self, time: float) -> NDArray[np.float64]:
         """Return the true parameters at a time [s], after a jump, shape (parameters,)."""
@@ -332,8 +338,8 @@ class Scenario:
 
     def told_values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the parameters that controllers are told at some times, shape (N, parameters)."""
-        columns = [self.told(name, one(times)) for name, one in self.schedule.items()]
-        return np.stack(columns, axis=-1)
+        told = (self.told(name, one(times)) for name, one in self.schedule.items())
+        return _columns(told, len(times))
 
     @property
     def nominal(self) -> dict[str, float]:

@@ -84,7 +84,7 @@ def line_of(
     model: SimulatedModel, segment: Segment, change: ParameterChange = PAPERS_CHANGE
 ) -> Line:
     """Return the parameters of a segment as compiled code takes them."""
-    values, rates = (np.array(column) for column in zip(*segment.lines, strict=True))
+    values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
     push, beside = model.generalised(np.array([segment.push]))
     if beside.any():
         rule = "must name a coordinate in this mode: its input does not act on one joint"

@@ -307,3 +307,24 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
         seen.append(np.concatenate([step.observation["position"], step.observation["velocity"]]))
         step = env.step(np.zeros(2))
     np.testing.assert_array_equal(np.array(seen), run.state[: len(seen)])
+
+
+def test_a_plant_needs_no_parameters() -> None:
+    xml = """<mujoco><worldbody><body><joint name="angle" axis="0 1 0"/>
+        <inertial pos="0 0 0.3" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody>
+        <actuator><motor name="torque" joint="angle"/></actuator></mujoco>"""
+
+    def accelerations(q, v, u, p):
+        return ((u[0] + 0.6 * 9.81 * sin(q[0])) / 0.28,)
+
+    plant = afl.Plant(
+        name="rod", model=xml, coordinates=("angle",), inputs=("torque",), upright=(0.0,),
+        accelerations=accelerations,
+    )  # fmt: skip
+    scenario = afl.Scenario(name="rod", plant=plant, duration=1.0, initial_state={"angle": 0.3})
+    expected = afl.simulate_ode(scenario, "lqr").state[-1]
+    for mode, away in (("exact", 1e-9), ("continuous", 1e-9), ("sampled", 1e-2)):
+        run = afl.simulate_mujoco(scenario, "lqr", mode=mode)
+        np.testing.assert_allclose(run.state[-1], expected, atol=away)
+        assert dict(run.parameters) == {}
+    assert afl.load(scenario).reset().observation is not None
