@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -77,29 +78,37 @@ def compare() -> compare_study.Result:
 
 
 def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
-    table = ((0.4, 0.5, 0.6), (0.4, 0.5, None))
-    held = {
-        "stable": ((True, True, True), (True, True, False)),
-        **dict.fromkeys(margins_study.METRICS, table),
-        "gain_increase": ((gain_increase, None, None), (gain_increase, gain_increase, None)),
-        "delay": ((0.012, 0.03, 0.1), (0.013, 0.03, None)),
-    }
-    full = ((0.4, 0.5, 0.6), (0.4, 0.5, 0.6))
-    continuous = {"stable": ((True,) * 3,) * 2, **dict.fromkeys(margins_study.METRICS, full)}
+    def row(
+        name: str, kind: str, mass: float, length: float, **found: float | None
+    ) -> margins_study.Row:
+        place = {"cart_mass": mass, "half_length": length}
+        return margins_study.Row(
+            controller=name, loop=kind, input="force", parameters=place, stable=bool(found), **found
+        )
+
+    plants = list(itertools.product((0.1, 2.0), (0.05, 0.2, 1.0)))
+    delays = (0.012, 0.03, 0.1, 0.013, 0.03)
+    rows = []
+    for name in CONTROLLERS:
+        for (mass, length), x in zip(plants, (0.4, 0.5, 0.6) * 2, strict=True):
+            whole = dict.fromkeys(margins_study.METRICS, x)
+            rows.append(row(name, "continuous", mass, length, **whole))
+        for (mass, length), x, delay in zip(plants, (0.4, 0.5, 0.6) * 2, delays, strict=False):
+            known = {**dict.fromkeys(margins_study.METRICS, x), "delay": delay}
+            rows.append(row(name, "held", mass, length, **known | {"gain_increase": gain_increase}))
+        rows.append(row(name, "held", *plants[-1]))
+    rows.append(row("adaptive", "measured", 0.1, 0.05, delay=0.01206))
+    rows.append(row("adaptive", "measured", 0.1, 0.2, phase=None))
     return margins_study.Result(
+        scenario="made-up",
         imperfections="none",
+        left_out=(),
         control_period=1e-3,
-        cart_masses=(0.1, 2.0),
-        half_lengths=(0.05, 0.2, 1.0),
-        pole_mass=0.05,
-        gravity=9.81,
+        units={"cart_mass": "kg", "half_length": "m"},
+        plants=len(plants),
         linearisation_step=1e-5,
-        margins={key: {"continuous": continuous, "sampled": held} for key in CONTROLLERS},
-        measured=tuple(
-            margins_study.DelayComparison("adaptive", 0.1, length, margin, measured)
-            for length, margin, measured in ((0.05, 0.012, 0.01206), (0.2, 0.03, None))
-        ),
-    )  # fmt: skip
+        rows=tuple(rows),
+    )
 
 
 def estimation() -> estimation_study.Result:

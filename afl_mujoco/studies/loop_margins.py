@@ -1,16 +1,16 @@
-"""A loop at upright, linearised by finite differences in MuJoCo, and its stability margins.
+"""A loop at its target, linearised by finite differences in MuJoCo, and its stability margins.
 
-The margins are of the loop broken where the force enters the plant, and come from python-control.
-Added here are the choice of the worst of several crossovers and the sampled loop, which is
-transformed into a continuous loop with the same margins.
+The margins are of the loop broken where one input enters the plant, the other inputs closed, and
+come from python-control. Added here are the choice of the worst of several crossovers and the
+sampled loop, which is transformed into a continuous loop with the same margins.
 """
 
 from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.sampling import SNAP
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
@@ -38,11 +38,14 @@ COARSER = 10.0  # ratio of a second, longer step, with which the first is compar
 AGREEMENT = 1e-5
 """Largest relative difference between the two results: the longer step's error is near 1e-7."""
 
-REST = 1e-9  # largest force at upright [N]
+REST = 1e-6  # largest acceleration at the target [m/s^2, rad/s^2]
 
 KINK = 1e-3
-"""Largest difference between a controller's slopes on either side of upright, relative to its
+"""Largest difference between a controller's slopes on either side of its target, relative to its
 largest slope: central differences do not see a kink, whatever their step."""
+
+NO_GAIN = 1e-9
+"""Factors of the gain below it, and above its inverse, are rounding errors of 0 and infinity."""
 
 COARSE, FINE = 80, 40
 """Numbers of frequencies at which the disk margin is sought: overall, then near the minimum."""
@@ -50,79 +53,70 @@ COARSE, FINE = 80, 40
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
-PERIOD = 1e-3  # default control period [s]
-
 LINEAR = (
-    "delay", "lag", "damping.z", "damping.phi", "armature.z", "armature.phi", "tip_mass_share",
-    "pole_radius", "control_period", "differentiated", "velocity_filter",
-)  # fmt: skip
+    *("delay", "lag", "damping", "armature", "tip_mass_share", "pole_radius", "control_period"),
+    *("differentiated", "velocity_filter"),
+)
 """Imperfections that a linear loop can have."""
-
-_UPRIGHT = np.zeros(4)
 
 
 class NotSmoothError(InvalidValueError):
-    """Raised for a controller whose force has no slope at upright."""
+    """Raised for a controller whose inputs have no slope at its target."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """The loop ``x' = A x + B F``, ``F = -K x`` of the state x = (z, phi, z_dot, phi_dot).
+    """The loop ``x' = A x + B u``, ``u = -K x`` of the deviation x from rest at the target.
 
-    Shapes are (4, 4), (4,) and (4,), each with one more if the actuator lags.
+    Shapes are (m, m), (m, k) and (k, m): coordinates, their rates, then the lagging inputs.
     """
 
     a: Array
     b: Array
     k: Array
+    inputs: tuple[str, ...] = ("",)
+    coordinates: int = 0
+    held: tuple[float, ...] = (0.0,)  # the inputs at rest
     disagreement: float = 0.0  # largest relative difference from those with a longer step
 
     @property
     def stable(self) -> bool:
         """Whether all poles lie in the left half-plane."""
-        return bool(np.linalg.eigvals(self.a - np.outer(self.b, self.k)).real.max() < 0.0)
+        return bool(np.linalg.eigvals(self.a - self.b @ self.k).real.max() < 0.0)
 
 
 def linear_part(imperfections: Imperfections) -> Imperfections:
     """Return imperfections without those that a linear loop cannot have."""
-    return Imperfections().changed({path: imperfections.at(path) for path in LINEAR})
+    return Imperfections(**{name: getattr(imperfections, name) for name in LINEAR})
 
 
-def linearize(
-    controller: Controller,
-    plant: CartPoleParameters,
-    imperfections: Imperfections = IDEAL,
-    belief: Belief = TRUTH,
-) -> Loop:
-    """Return the loop of a controller, as it is deployed, and MuJoCo's cart-pole at upright.
+def linearize(controller: Controller, scenario: Scenario) -> Loop:
+    """Return the loop of a controller, as it is deployed, and MuJoCo's plant, at rest.
 
-    Of the imperfections passive physics count, and the actuator's lag, whose state follows those of
-    the plant. `loop_margins` handles delay, hold and velocities. The nominal values of the belief
-    must be known.
+    The parameters are those of the scenario at its start. Of its imperfections passive physics
+    count, and the lags of the inputs, whose states follow those of the plant. `loop_margins`
+    handles delay, hold and velocities.
     """
-    from afl_mujoco.simulation.mujoco_model import CartPoleModel
+    plant, r = scenario.plant, linear_part(scenario.imperfections)
+    model = SimulatedModel(plant, imperfections=r)
+    model.write(scenario.values_at(0.0))
+    n = len(plant.coordinates)
+    target = np.array([*scenario.target, *np.zeros(n)])
+    told = controller.inputs_for(plant, scenario.told_values(np.zeros(1)))
 
-    r = linear_part(imperfections)
-    model = CartPoleModel(plant, imperfections=r)
-    assumed = replace(plant, **{name: belief.told(name, x) for name, x in asdict(plant).items()})
+    def dynamics(state: Array, inputs: Array) -> Array:
+        return np.array([*state[n:], *model.accelerations(state, inputs)])
 
-    def dynamics(state: Array, force: float) -> Array:
-        return np.array([*state[2:], *model.accelerations(state, force)])
+    def command(state: Array) -> Array:
+        return np.atleast_1d(controller.forces(state[None], told)[0])
 
-    def force(state: Array) -> Array:
-        return np.array([controller.force(state, assumed)])
-
-    thing = f"linearisation of {controller.name!r} at M = {plant.cart_mass:g} kg"
-    thing += f", l = {plant.half_length:g} m"
-    (at_rest,) = force(_UPRIGHT)
-    if not abs(at_rest) <= REST:
-        rule = "must be about an equilibrium: no force at upright"
-        raise InvalidValueError(thing, rule, f"{at_rest:g} N")
+    thing = f"linearisation of {controller.name!r}"
+    held = require_rest(thing, scenario, command(target), model)
     fine, coarse = (
         (
-            _jacobian(lambda x: dynamics(x, 0.0), _UPRIGHT, step),
-            _jacobian(lambda u: dynamics(_UPRIGHT, u[0]), np.zeros(1), step),
-            -_jacobian(force, _UPRIGHT, step),
+            _jacobian(lambda x: dynamics(x, held), target, step),
+            _jacobian(lambda u: dynamics(target, u), held, step),
+            -_jacobian(command, target, step),
         )
         for step in (STEP, COARSER * STEP)
     )
@@ -133,8 +127,8 @@ def linearize(
     a, b, k = fine
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
-    ahead, behind = _sides(force, _UPRIGHT, STEP)
-    bend = float(np.abs(ahead + behind - 2.0 * at_rest).max()) / STEP
+    ahead, behind = _sides(command, target, STEP)
+    bend = float(np.abs(ahead + behind - 2.0 * held[:, None]).max()) / STEP
     kink = bend / max(float(np.abs(k).max()), 1e-300)
     if not disagreement <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
@@ -142,16 +136,37 @@ def linearize(
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise NotSmoothError(thing, rule, f"{kink:.1e}")
-    loop = Loop(a, b[:, 0], k[0], disagreement)
-    return loop if r.lag == 0.0 else _lagging(loop, r.lag)
+    lags = [r.of_input("lag", name) for name in plant.inputs]
+    loop = Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()), disagreement)
+    return _lagging(loop, lags)
 
 
-def _lagging(loop: Loop, lag: float) -> Loop:
-    """Return a loop whose force follows what is commanded with a first-order lag [s]."""
-    last = np.append(np.zeros(len(loop.b)), 1.0 / lag)
-    a = np.block([[loop.a, loop.b[:, None]], [-last]])
-    a[-1, :-1] = 0.0
-    return Loop(a, last, np.append(loop.k, 0.0), loop.disagreement)
+def require_rest(thing: str, scenario: Scenario, inputs: Array, model: SimulatedModel) -> Array:
+    """Return inputs, or raise unless they hold a model at rest at the target."""
+    plant = scenario.plant
+    rule = "must be about an equilibrium: its inputs must hold the plant at its target"
+    for name, x, (low, high) in zip(plant.inputs, inputs, scenario.limits, strict=True):
+        if not (low <= x <= high and math.isfinite(x)):
+            limits = f"within {low:g} to {high:g}"
+            raise InvalidValueError(thing, f"{rule}, {limits}", f"{name} = {x:g}")
+    target = np.array([*scenario.target, *np.zeros(len(plant.coordinates))])
+    for name, x in zip(plant.coordinates, model.accelerations(target, inputs), strict=True):
+        if not abs(x) <= REST:
+            rate = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
+            raise InvalidValueError(thing, rule, rate)
+    return inputs
+
+
+def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
+    """Return a loop some of whose inputs follow what is commanded with a first-order lag [s]."""
+    late = [i for i, lag in enumerate(lags) if lag > 0.0]
+    order, size = len(loop.a), len(loop.a) + len(late)
+    a, b, k = np.zeros((size, size)), np.zeros((size, len(lags))), np.zeros((len(lags), size))
+    a[:order, :order], b[:order], k[:, :order] = loop.a, loop.b, loop.k
+    for place, i in enumerate(late, order):
+        a[:order, place], b[:order, i] = loop.b[:, i], 0.0
+        a[place, place], b[place, i] = -1.0 / lags[i], 1.0 / lags[i]
+    return replace(loop, a=a, b=b, k=k)
 
 
 def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
@@ -171,9 +186,9 @@ def _sides(function: Callable[[Array], Array], point: Array, step: float) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """What a stable loop tolerates before it becomes unstable, one change at a time.
+    """What a stable loop tolerates at one input before it becomes unstable, one change at a time.
 
-    The plant is unstable, so too little gain destabilises the loop as well as too much.
+    Of an unstable plant too little gain destabilises the loop as well as too much.
     """
 
     gain_decrease: float  # factor of the loop gain, below 1
@@ -182,108 +197,114 @@ class Margins:
     delay: float  # least additional delay [s]; infinite if there is no crossover
     crossover: float  # frequency at which that delay destabilises it [rad/s]
     disk: float  # size of the largest disk of gain and phase at once, by the peak of (S - T)/2
-    disk_gain: float  # factor of gain, up and down, that the disk contains
-    disk_phase: float  # lag and lead that the disk contains [deg]
+
+
+UNTOUCHED = Margins(
+    gain_decrease=0.0, gain_increase=np.inf, phase=np.inf, delay=np.inf, crossover=np.inf, disk=2.0
+)
+"""Of an input that the controller leaves at rest: S = 1 and T = 0."""
 
 
 def loop_margins(
     loop: Loop, control_period: float | None = None, imperfections: Imperfections = IDEAL
-) -> Margins | None:
-    """Return the margins of a loop, or None if it is not stable.
+) -> list[Margins] | None:
+    """Return the margins of a loop at each of its inputs, or None if it is not stable.
 
     Without a control period [s] the controller is continuous. With one, the delay of the hold
     itself, half a period, is no longer part of the margin, and a loop whose delay is a whole number
     of periods is stable exactly up to the margin; of the imperfections count then the transport
-    delay, besides which the delay margin is additional, and how the velocities are measured.
+    delays of the inputs, besides which the delay margin is additional, and how the velocities are
+    measured.
     """
     import control
 
     if control_period is None:
         if not loop.stable:
             return None
-        return _margins(control.ss(loop.a, loop.b[:, None], loop.k[None], 0.0), None)
-    period = require_positive("control_period", control_period)
-    a, b = held_plant(loop, period, imperfections.delay)
-    k = np.concatenate([loop.k, np.zeros(len(a) - len(loop.k))])
-    if imperfections.differentiated or imperfections.velocity_filter:
-        a, b, k = _measured_loop(a, b, k, period, imperfections)
-    if not np.abs(np.linalg.eigvals(a - np.outer(b, k))).max() < 1.0:
+        parts = _broken(loop.a, loop.b, loop.k)
+        return [_margins(control.ss(a, b, k, 0.0), None) if k.any() else UNTOUCHED
+                for a, b, k in parts]  # fmt: skip
+    period, r = require_positive("control_period", control_period), imperfections
+    a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
+    k = np.hstack([loop.k, np.zeros((len(loop.k), len(a) - len(loop.a)))])
+    if r.differentiated or r.velocity_filter:
+        a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
+    if not np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0:
         return None
-    return _margins(_bilinear(a, b, k, period), period)
+    return [_margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
+            for part in _broken(a, b, k)]  # fmt: skip
 
 
-def delay_margin(
-    controller: Controller,
-    plant: CartPoleParameters,
-    period: float = PERIOD,
-    imperfections: Imperfections = IDEAL,
-    belief: Belief = TRUTH,
-) -> float | None:
-    """Return the delay margin [s] of a linearised loop with a held force; None if it has none."""
-    loop = linearize(controller, plant, imperfections, belief)
-    margins = loop_margins(loop, period, imperfections)
-    return None if margins is None or not math.isfinite(margins.delay) else margins.delay
+def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
+    """Return the loop as each of its inputs sees it, the others closed."""
+    rows = range(len(k))
+    return [(a - np.delete(b, i, 1) @ np.delete(k, i, 0), b[:, [i]], k[[i]]) for i in rows]
 
 
-def held_plant(loop: Loop, period: float, delay: float = 0.0) -> tuple[Array, Array]:
-    """Return A and B of the plant from sample to sample, its force held in between.
+def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Array, Array]:
+    """Return A and B of the plant from sample to sample, its inputs held in between.
 
-    With a delay [s] from when a force is commanded to when it acts, the pending forces follow the
+    With a delay [s] from when an input is commanded to when it acts, what is pending follows the
     states, the latest first.
     """
-    whole = math.floor(delay / period + SNAP)
-    late = max(delay - whole * period, 0.0)
-    late = late if late > SNAP * period else 0.0
-    a, b = _sampled(loop, period - late)  # of the force that comes last
-    if delay < SNAP * period:
-        return a, b
-    order, waiting = len(a), whole + (1 if late else 0)
-    system, drive = np.zeros((order + waiting, order + waiting)), np.zeros(order + waiting)
-    system[:order, :order] = a
-    if late:
-        before, by_before = _sampled(loop, late)
-        system[:order, :order] = a @ before
-        system[:order, order + waiting - 1] = a @ by_before
-    if whole:
-        system[:order, order + whole - 1] += b
-    else:
-        drive[:order] = b
-    drive[order] = 1.0
-    for i in range(1, waiting):
-        system[order + i, order + i - 1] = 1.0
+    order, count = loop.b.shape
+    late = []
+    for delay in delays:
+        whole = math.floor(delay / period + SNAP)
+        rest = max(delay - whole * period, 0.0)
+        late.append((whole, rest if rest > SNAP * period else 0.0))
+    waiting = [whole + (1 if rest else 0) for whole, rest in late]
+    system = np.zeros((order + sum(waiting), order + sum(waiting)))
+    drive = np.zeros((order + sum(waiting), count))
+    system[:order, :order] = _sampled(loop, period)[0]
+    first = order
+    for i, ((whole, rest), pending) in enumerate(zip(late, waiting, strict=True)):
+        a, b = _sampled(loop, period - rest)  # of the input that comes last
+        if rest:
+            system[:order, first + pending - 1] = a @ _sampled(loop, rest)[1][:, i]
+        if whole:
+            system[:order, first + whole - 1] += b[:, i]
+        else:
+            drive[:order, i] = b[:, i]
+        if pending:
+            drive[first, i] = 1.0
+        for j in range(1, pending):
+            system[first + j, first + j - 1] = 1.0
+        first += pending
     return system, drive
 
 
 def _measured_loop(
-    a: Array, b: Array, k: Array, period: float, r: Imperfections
+    a: Array, b: Array, k: Array, period: float, r: Imperfections, n: int
 ) -> tuple[Array, Array, Array]:
     """Return A, B and K of a sampled loop whose controller gets its velocities by measurement.
 
-    Four states are added, what the sensors remember: the positions and the filtered velocities of
-    the sample before.
+    What the sensors remember of n coordinates is added: the positions and the filtered velocities
+    of the sample before.
     """
     order = len(a)
-    rows = np.eye(order + 4)
-    positions, velocities, before, filtered = rows[:2], rows[2:4], rows[order:-2], rows[-2:]
+    rows = np.eye(order + 2 * n)
+    positions, velocities = rows[:n], rows[n : 2 * n]
+    before, filtered = rows[order : order + n], rows[order + n :]
     if r.differentiated:
         velocities = (positions - before) / period
     kept = math.exp(-period / r.velocity_filter) if r.velocity_filter else 0.0
     seen = kept * filtered + (1.0 - kept) * velocities
-    system = np.zeros((order + 4, order + 4))
-    system[:order, :order], system[order:-2], system[-2:] = a, positions, seen
-    gains = np.append(k, np.zeros(4))
-    gains[2:4] = 0.0
-    return system, np.append(b, np.zeros(4)), gains + k[2:4] @ seen
+    system = np.zeros((order + 2 * n, order + 2 * n))
+    system[:order, :order], system[order : order + n], system[order + n :] = a, positions, seen
+    gains = np.hstack([k, np.zeros((len(k), 2 * n))])
+    gains[:, n : 2 * n] = 0.0
+    return system, np.vstack([b, np.zeros((2 * n, b.shape[1]))]), gains + k[:, n : 2 * n] @ seen
 
 
 def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:
-    """Return A and B of the plant over a length of time [s], its force held."""
+    """Return A and B of the plant over a length of time [s], its inputs held."""
     import control
 
-    order = len(loop.a)
-    plant = control.ss(loop.a, loop.b[:, None], np.eye(order), np.zeros((order, 1)))
+    order, count = loop.b.shape
+    plant = control.ss(loop.a, loop.b, np.eye(order), np.zeros((order, count)))
     sampled = control.sample_system(plant, length, method="zoh")
-    return np.asarray(sampled.A), np.asarray(sampled.B)[:, 0]
+    return np.asarray(sampled.A), np.asarray(sampled.B)
 
 
 def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
@@ -298,8 +319,7 @@ def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
     inverse = np.linalg.inv(np.eye(len(a)) + a)
     a_w = inverse @ (a - np.eye(len(a))) / half
     b_w = inverse @ b / half
-    direct = -half * (k @ b_w)
-    return control.ss(a_w, (b_w - half * (a_w @ b_w))[:, None], k[None], direct)
+    return control.ss(a_w, b_w - half * (a_w @ b_w), k, -half * (k @ b_w))
 
 
 def _margins(system: StateSpace, period: float | None) -> Margins:
@@ -311,11 +331,12 @@ def _margins(system: StateSpace, period: float | None) -> Margins:
         at_nyquist = float(system.D[0, 0])  # w is infinite there: no crossover, but L is real
         gains = np.append(gains, -1.0 / at_nyquist) if at_nyquist < 0.0 else gains
         crossovers = 2.0 / period * np.arctan(0.5 * period * crossovers)
+    gains = gains[(gains > NO_GAIN) & (gains < 1.0 / NO_GAIN)]
     delays = np.radians(np.mod(phases, 360.0)) / crossovers
     worst = int(np.argmin(delays)) if len(delays) else None
     with warnings.catch_warnings():  # python-control 0.10 does what NumPy 2.5 deprecates
         warnings.filterwarnings("ignore", "Setting the shape", DeprecationWarning)
-        disk, disk_gain, disk_phase = _disk(system)
+        disk = _disk(system)
     return Margins(
         gain_decrease=float(np.max(gains[gains < 1.0], initial=0.0)),
         gain_increase=float(np.min(gains[gains > 1.0], initial=np.inf)),
@@ -323,18 +344,15 @@ def _margins(system: StateSpace, period: float | None) -> Margins:
         delay=np.inf if worst is None else float(delays[worst]),
         crossover=np.inf if worst is None else float(crossovers[worst]),
         disk=disk,
-        disk_gain=disk_gain,
-        disk_phase=disk_phase,
     )
 
 
-def _disk(system: StateSpace) -> tuple[float, float, float]:
-    """Return disk margin, its gain as a factor and its phase [deg]."""
+def _disk(system: StateSpace) -> float:
+    """Return the disk margin."""
     import control
 
     closed = np.abs(control.poles(control.feedback(system)))
     omega = np.geomspace(closed.min() / BEYOND, closed.max() * BEYOND, COARSE)
     least = int(np.argmin(control.disk_margins(system, omega, returnall=True)[0]))
     near = omega[max(least - 1, 0)], omega[min(least + 1, COARSE - 1)]
-    alpha, gain, phase = control.disk_margins(system, np.geomspace(*near, FINE))
-    return float(alpha), float(control.db2mag(gain)), float(phase)
+    return float(control.disk_margins(system, np.geomspace(*near, FINE))[0])

@@ -1,144 +1,159 @@
-"""Compute gain, phase, disk and delay margins of controllers at upright over a grid of plants."""
+"""Compute gain, phase, disk and delay margins of controllers about the target of a plant."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import INFORMED
-from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
-from afl_mujoco.scenario.belief import TRUTH, Belief
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, CartPoleParameters
+from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
+from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import departures_text
+from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
 from afl_mujoco.studies.bisection import find_threshold, scan_levels
 from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, counted, silent
 from afl_mujoco.studies.loop_margins import (
     LINEAR,
-    PERIOD,
-    REST,
     STEP,
     Margins,
     NotSmoothError,
-    delay_margin,
     linear_part,
     linearize,
     loop_margins,
+    require_rest,
 )
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
     import mujoco
 
-LONGEST_PERIOD = 10.0
-"""Longest control period [s], longer than any pole of a laboratory takes to fall."""
+PERIOD, LONGEST_PERIOD = 1e-3, 10.0
+"""Default control period, and the longest [s]: no plant of a laboratory takes longer to fall."""
 
-QUICK = 4  # A quick run studies one in so many M and l
-LEVELS = 5  # number of M and l of a scenario that are studied if they change
+LEVELS, QUICK_LEVELS = 5, 2  # of each parameter that varies
+MOST_PLANTS = 10_000
+CONTINUOUS, HELD, MEASURED = "continuous", "held", "measured"
+"""Loops: linear and continuous, linear with held inputs, and small motions in MuJoCo."""
+
 METRICS = tuple(one.name for one in fields(Margins))  # the margins, in their order
 GROWS_WORSE = ("gain_decrease", "crossover")  # the margins whose largest value is the worst
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Compute gain, phase, disk and delay margins of controllers at upright over a grid of plants.
+    """Compute gain, phase, disk and delay margins of controllers about the target of a plant.
 
-    Example: afl-mujoco margins my-rig.toml --controllers adaptive lqr
+    Example: afl-mujoco margins my-rig.toml --controllers lqr my_controller.py:control
 
-    The loop is linearised by finite differences in MuJoCo. On some of the plants the study also
-    measures the delay at which a small motion in MuJoCo grows; of controllers with a memory or an
-    estimator, or without slopes, the gains too. Writes margins.json and a figure.
+    The loop is linearised by finite differences in MuJoCo and broken at each input, over the plants
+    that the scenario's schedules and ranges allow. On some of the plants the study also measures
+    the delay at which a small motion in MuJoCo grows; of controllers with a memory or an estimator,
+    or without slopes, the gains too. Writes margins.json and a figure.
     """
 
     scenario: ScenarioIfAny = None
     """Scenario by name, or TOML file, that gives the plants, the control period and the linear
-    imperfections; by default the paper's grid of plants, without imperfections."""
+    imperfections; by default the paper's range of cart-poles, without imperfections."""
     controllers: tuple[str, ...] = INFORMED
     """Controllers by name, or module:attribute of your own."""
-    cart_masses: tuple[float, ...] | None = None
-    """Cart masses M of the grid [kg]; the paper's 20, or 5 over the scenario's, by default."""
-    half_lengths: tuple[float, ...] | None = None
-    """Half-lengths l of the grid [m]; the paper's 20, or 5 over the scenario's, by default."""
-    pole_mass: float | None = None
-    """m of every plant [kg]; the scenario's, or 0.05, by default."""
-    gravity: float | None = None
-    """g of every plant [m/s^2]; the scenario's, or 9.81, by default."""
+    levels: int | None = None
+    """Levels of each parameter that varies, from its least to its largest; 5 by default."""
     control_period: float | None = None
-    """How long the sampled loop holds the force [s]; the scenario's, or 0.001, by default."""
+    """How long the sampled loop holds its inputs [s]; the scenario's, or 0.001, by default."""
     timestep: float | None = None
     """Physics step of MuJoCo where motions are measured [s]; by default the longest up to 0.001
     that divides the control period."""
     quick: bool = False
-    """Every fourth M and l of the paper, unless given otherwise, and two plants measured."""
+    """Only the least and the largest of each parameter, and two plants measured."""
     measure: bool = True
-    """Do not measure the delay that the loop in MuJoCo tolerates on some plants of the grid."""
+    """Do not measure the delay that the loop in MuJoCo tolerates on some of the plants."""
 
 
-class Deployment(NamedTuple):
-    """How a controller acts in MuJoCo."""
+class Point(NamedTuple):
+    """A controller on one plant at rest."""
 
-    period: float = PERIOD  # of the held force [s]
-    imperfections: Imperfections = IDEAL  # as from `linear_part`
-    belief: Belief = TRUTH  # its nominal values known
+    controller: Controller
+    scenario: Scenario  # of constant parameters
+    period: float = PERIOD  # of the held inputs [s]
     timestep: float | None = None  # [s]; None for the longest up to 1 ms that divides the period
 
-
-USUAL = Deployment()  # perfect hardware and the default control period
-
-Plants = tuple[CartPoleParameters, ...]
+    @property
+    def linear(self) -> Point:
+        """The same with what a linear loop can have, and the controller designed for the plant."""
+        own = bound(self.controller, self.scenario)  # by the limits of the inputs, too
+        r = self.scenario.imperfections
+        linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
+        return self._replace(controller=own, scenario=replace(self.scenario, imperfections=linear))
 
 
 class Request(NamedTuple):
-    """What is surveyed: controllers on a grid of M [kg] and l [m]."""
+    """What is surveyed: controllers on a grid of parameters."""
 
+    scenario: Scenario
     controllers: Sequence[Controller]
-    cart_masses: tuple[float, ...] = CART_MASSES
-    half_lengths: tuple[float, ...] = HALF_LENGTHS
-    deployed: Deployment = USUAL
-    nominal: CartPoleParameters = NOMINAL  # of which m and g count
-    scenario: Scenario | None = None  # that it comes from
-    measured: Sequence[tuple[float, float]] = ()  # M and l of the plants that are measured too
+    axes: Mapping[str, tuple[float, ...]]  # the levels of each parameter that varies
+    period: float = PERIOD
+    timestep: float | None = None
+    measured: Sequence[tuple[float, ...]] = ()  # the plants that are measured too
 
-    def plant(self, cart_mass: float, half_length: float) -> CartPoleParameters:
-        """Return the plant at a point of the grid."""
-        return replace(self.nominal, cart_mass=cart_mass, half_length=half_length)
+    @property
+    def plants(self) -> list[tuple[float, ...]]:
+        """The values of the parameters that vary, of each plant."""
+        return list(itertools.product(*self.axes.values()))
+
+    def points(self, controller: Controller) -> Iterator[Point]:
+        """Return a controller on each plant."""
+        for plant in self.plants:
+            yield self.point(controller, plant)
+
+    def point(self, controller: Controller, plant: Iterable[float]) -> Point:
+        """Return a controller on a plant."""
+        s, asked = self.scenario, self.scenario.requirements
+        here = replace(
+            s,
+            schedule={**s.nominal, **dict(zip(self.axes, plant, strict=True))},
+            disturbances=(),
+            requirements=replace(asked, completes=False, settling_time=None, recover_within=None),
+            ranges=FIXED,
+            belief=s.belief.known(s.nominal),
+        )
+        return Point(controller, here, self.period, self.timestep)
 
     def require(self) -> Request:
         """Return it, or raise before anything slow.
 
         One controller at least must be linearised, or have small motions, on the first plant.
         """
-        period = require_positive("control_period", self.deployed.period)
-        if period > LONGEST_PERIOD:
+        if require_positive("control_period", self.period) > LONGEST_PERIOD:
             rule = f"must be at most {LONGEST_PERIOD:g} s"
-            raise InvalidValueError("control_period", rule, f"{period:g}")
-        for thing in ("controllers", "cart_masses", "half_lengths"):
-            items = [getattr(one, "name", one) for one in getattr(self, thing)]
-            if not items or len(set(items)) < len(items):
-                raise InvalidValueError(thing, "must hold at least one, each once", items)
-        plants = [self.plant(*x) for x in itertools.product(self.cart_masses, self.half_lengths)]
-        refused = [refusal(one, plants[0], self.deployed) for one in self.controllers]
+            raise InvalidValueError("control_period", rule, f"{self.period:g}")
+        names = [one.name for one in self.controllers]
+        if not names or len(set(names)) < len(names):
+            raise InvalidValueError("controllers", "must hold at least one, each once", names)
+        refused = [refusal(self.point(one, self.plants[0])) for one in self.controllers]
         if refused[0] is not None and None not in refused:
             raise refused[0]
-        if self.deployed.timestep is not None:
-            whole_steps("control_period", period, "timestep", self.deployed.timestep)
+        if self.timestep is not None:
+            whole_steps("control_period", self.period, "timestep", self.timestep)
         return self
 
 
@@ -147,163 +162,123 @@ def prepare(options: Options) -> Request:
     from afl_mujoco.control.catalogue import find_controller
 
     o = options
-    scenario = None if o.scenario is None else find_scenario(o.scenario)
-    masses, lengths = (grid[:: QUICK if o.quick else 1] for grid in (CART_MASSES, HALF_LENGTHS))
-    nominal, deployed = NOMINAL, USUAL
-    if scenario is not None:
-        scenario.require_cart_pole("margins")
-        (mass, length, *_), varied = scenario.plants, scenario.ranges.varied
-        masses = _levels(varied.get("cart_mass", mass))
-        lengths = _levels(varied.get("half_length", length))
-        linear = linear_part(scenario.imperfections)
-        nominal = scenario.parameters_at(0.0)
-        known = scenario.belief.known(scenario.nominal)
-        deployed = Deployment(linear.control_period or PERIOD, linear, known)
-    masses = masses if o.cart_masses is None else tuple(map(float, o.cart_masses))
-    lengths = lengths if o.half_lengths is None else tuple(map(float, o.half_lengths))
-    period = deployed.period if o.control_period is None else o.control_period
-    given = {n: x for n in ("pole_mass", "gravity") if (x := getattr(o, n)) is not None}
-    request = Request(
-        [find_controller(name) for name in o.controllers],
-        masses,
-        lengths,
-        deployed._replace(period=period, timestep=o.timestep),
-        replace(nominal, **given),
-        scenario,
-    ).require()
-    measured = measured_plants(masses, lengths, few=o.quick) if o.measure else ()
+    scenario = PAPER if o.scenario is None else find_scenario(o.scenario)
+    levels = o.levels if o.levels is not None else QUICK_LEVELS if o.quick else LEVELS
+    require_count("levels", levels, 2, MOST_PLANTS)
+    spans = {**scenario.spans, **scenario.ranges.varied}
+    axes = {
+        name: tuple(np.linspace(*spans[name], levels).tolist())
+        for name in scenario.plant.parameters
+        if spans[name][0] < spans[name][1]
+    }
+    if (count := levels ** len(axes)) > MOST_PLANTS:
+        rule = f"must make at most {MOST_PLANTS} plants of {', '.join(axes)}"
+        raise InvalidValueError("levels", rule, f"{levels}, which makes {count}")
+    own = scenario.imperfections.control_period
+    period = o.control_period if o.control_period is not None else own or PERIOD
+    controllers = [find_controller(name) for name in o.controllers]
+    request = Request(scenario, controllers, axes, period, o.timestep).require()
+    measured = measured_plants(axes, few=o.quick) if o.measure else ()
     return request._replace(measured=measured)
 
 
-def _levels(bounds: tuple[float, float]) -> tuple[float, ...]:
-    """Return levels of a scenario's M or l, from the least to the largest."""
-    low, high = bounds
-    return (low,) if low == high else tuple(np.linspace(low, high, LEVELS).tolist())
+PAPER = Scenario(
+    name="the paper's cart-poles",
+    ranges=Ranges(
+        varied={
+            "cart_mass": (CART_MASSES[0], CART_MASSES[-1]),
+            "half_length": (HALF_LENGTHS[0], HALF_LENGTHS[-1]),
+        }
+    ),
+)
 
 
 def measured_plants(
-    masses: Sequence[float], lengths: Sequence[float], *, few: bool = False
-) -> list[tuple[float, float]]:
-    """Return the plants of a grid on which delays are measured, M [kg] and l [m].
+    axes: Mapping[str, tuple[float, ...]], *, few: bool = False
+) -> list[tuple[float, ...]]:
+    """Return the plants of a grid that are measured.
 
-    They are the lightest and the heaviest cart, each with the shortest pole, the longest, and the
-    one nearest to their geometric mean; only the two ends of the grid if ``few``.
+    Of two parameters they are the least and the largest of the first, each with the least, a middle
+    and the largest of the second; else, or if ``few``, all at their least and all at their largest.
     """
-    ends = (min(masses), max(masses)), (min(lengths), max(lengths))
-    if few:
-        return list(dict.fromkeys(zip(*ends, strict=True)))
-    mean = math.sqrt(ends[1][0] * ends[1][1])
-    middle = min(lengths, key=lambda length: abs(math.log(length / mean)))
-    return list(dict.fromkeys(itertools.product(ends[0], (ends[1][0], middle, ends[1][1]))))
+    ends = [(values[0], values[-1]) for values in axes.values()]
+    if few or len(axes) != 2:
+        return list(dict.fromkeys(zip(*ends, strict=True))) if axes else [()]
+    low, high = ends[1]
+    middle = math.sqrt(low * high) if low > 0.0 else 0.5 * (low + high)
+    near = min(list(axes.values())[1], key=lambda x: abs(x - middle))
+    return list(dict.fromkeys(itertools.product(ends[0], (low, near, high))))
 
 
 # --- what is found ------------------------------------------------------------------------------
 
-Loop = dict[str, tuple[tuple[bool | float | None, ...], ...]]
-"""Margins of one loop by cart mass and half-length, as in `Margins`, and whether it is "stable".
 
-None where a margin is infinite, or the loop is not stable.
-"""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What one loop on one plant tolerates at one input, one change at a time.
 
-
-@dataclass(frozen=True, slots=True)
-class DelayComparison:
-    """The delay that one controller tolerates on one plant, linearised and in MuJoCo."""
-
-    controller: str
-    cart_mass: float  # [kg]
-    half_length: float  # [m]
-    margin: float | None  # of the loop with a held force [s]; None if it is not stable
-    measured: float | None  # from which a small motion no longer decays [s]; None if none was found
-
-    @property
-    def difference(self) -> float | None:
-        """Relative difference of the measurement from the margin [1]; None without both."""
-        if self.margin is None or self.measured is None:
-            return None
-        return self.measured / self.margin - 1.0
-
-    @property
-    def agrees(self) -> bool:
-        """Whether they differ by no more than `REACH`, or are both missing."""
-        if self.difference is None:
-            return self.margin is self.measured
-        return abs(self.difference) <= REACH
-
-
-@dataclass(frozen=True, slots=True)
-class SmallMotions:
-    """What a loop in MuJoCo tolerates, one controller on one plant, before small motions grow."""
+    A margin is None where no change destabilises the loop, and where it was not looked for: of a
+    small motion there are gains and delay only, of a linear loop's the delay. A measured delay is 0
+    below the first of `DELAYS`, and None beyond the last.
+    """
 
     controller: str
-    cart_mass: float  # [kg]
-    half_length: float  # [m]
-    decays: bool  # whether a small motion decays as the loop is
-    gain_decrease: float | None = None  # factors on the force; None beyond the last of `GAINS`,
-    gain_increase: float | None = None  # or if none decays
-    delay: float | None = None  # [s]; 0 below the first of `DELAYS`, None beyond the last
-
-
-class Worst(NamedTuple):
-    """The worst value of a margin on the grid, and its plant, M [kg] and l [m]."""
-
-    value: float
-    cart_mass: float
-    half_length: float
+    loop: str  # `CONTINUOUS`, `HELD` or `MEASURED`
+    input: str
+    parameters: dict[str, float]  # those that vary
+    stable: bool
+    gain_decrease: float | None = None  # as in `Margins`
+    gain_increase: float | None = None
+    phase: float | None = None
+    delay: float | None = None
+    crossover: float | None = None
+    disk: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Margins by controller and plant."""
+    """Margins by controller, loop, input and plant."""
 
-    control_period: float  # how long the sampled loop holds its force [s]
-    cart_masses: tuple[float, ...]  # the grid, M [kg] and l [m]
-    half_lengths: tuple[float, ...]
-    pole_mass: float  # m [kg] and g [m/s^2]
-    gravity: float
+    scenario: str
+    control_period: float  # how long the sampled loop holds its inputs [s]
     imperfections: str  # those of the linear loop, by their keys; "none" for the ideal loop
+    left_out: tuple[str, ...]  # those that it cannot have
     linearisation_step: float  # of the central differences [m, rad, m/s, rad/s, N]
-    # by controller, those of the "continuous" and those of the "sampled" loop
-    margins: dict[str, dict[str, Loop]]
-    measured: tuple[DelayComparison, ...] = ()  # on some of the plants; empty if none was measured
-    scenario: str | None = None  # its name, if any; and its imperfections that are not modelled
-    left_out: tuple[str, ...] = ()
-    # why each of the other controllers has no linear margins, by its name; what small motions of
-    # those tolerate on some of the plants
+    units: dict[str, str]  # of the parameters that vary
+    plants: int
+    rows: tuple[Row, ...]
+    # why each of the other controllers has no linear margins, by its name
     not_linear: dict[str, str] = field(default_factory=dict)
-    small_motions: tuple[SmallMotions, ...] = ()
 
     @property
-    def plants(self) -> int:
-        """Number of plants."""
-        return len(self.cart_masses) * len(self.half_lengths)
+    def controllers(self) -> tuple[str, ...]:
+        """The controllers with linear margins."""
+        return tuple(dict.fromkeys(row.controller for row in self.rows if row.loop == HELD))
 
-    def loop(self, controller: str, *, sampled: bool = False) -> Loop:
-        """Return the margins of one controller, by its name."""
-        if controller not in self.margins:
-            raise UnknownNameError.among("controller", controller, self.margins)
-        return self.margins[controller]["sampled" if sampled else "continuous"]
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The inputs of the plant."""
+        return tuple(dict.fromkeys(row.input for row in self.rows))
 
-    def unstable(self, controller: str, *, sampled: bool = False) -> int:
-        """Return the number of plants on which a loop is not stable."""
-        return sum(not x for row in self.loop(controller, sampled=sampled)["stable"] for x in row)
+    def of(self, controller: str, loop: str, name: str | None = None) -> list[Row]:
+        """Return the rows of one loop of a controller, of one input or of all."""
+        return [
+            row
+            for row in self.rows
+            if (row.controller, row.loop) == (controller, loop) and name in (None, row.input)
+        ]
 
-    def values(self, controller: str, metric: str, *, sampled: bool = False) -> NDArray[np.float64]:
-        """Return one of `METRICS`, shape (masses, lengths); NaN where the loop is not stable."""
-        loop = self.loop(controller, sampled=sampled)
-        if metric not in METRICS:
-            raise UnknownNameError.among("margin", metric, METRICS)
-        rows = [[math.inf if x is None else x for x in row] for row in loop[metric]]
-        return np.where(np.array(loop["stable"]), np.array(rows, dtype=np.float64), np.nan)
+    def worst(self, controller: str, loop: str, metric: str, name: str | None = None) -> Row | None:
+        """Return the row with the worst value of a margin where the loop is stable, if any."""
+        stable = [row for row in self.of(controller, loop, name) if row.stable]
+        pick = max if metric in GROWS_WORSE else min
+        return pick(stable, key=lambda row: value_of(row, metric), default=None)
 
-    def worst(self, controller: str, metric: str, *, sampled: bool = False) -> Worst | None:
-        """Return the worst value of a margin over the stable plants; None if there is none."""
-        values = self.values(controller, metric, sampled=sampled)
-        if np.isnan(values).all():
-            return None
-        pick = np.nanargmax if metric in GROWS_WORSE else np.nanargmin
-        row, column = np.unravel_index(int(pick(values)), values.shape)
-        return Worst(float(values[row, column]), self.cart_masses[row], self.half_lengths[column])
+
+def value_of(row: Row, metric: str) -> float:
+    """Return a margin, infinite where no change destabilises the loop."""
+    found = getattr(row, metric)
+    return math.inf if found is None else float(found)
 
 
 # --- margins of the linearised loops ------------------------------------------------------------
@@ -311,53 +286,41 @@ class Result:
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Survey the margins and measure delays; the result does not depend on the workers."""
-    r = request
+    r, s = request, request.scenario
     reasons = {one.name: why_not_linear(one) for one in r.controllers}
     not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
-    rows = [
-        (one, tuple(r.plant(mass, length) for length in r.half_lengths), r.deployed)
-        for one in r.controllers
-        if one.name not in not_linear
-        for mass in r.cart_masses
-    ]
-    tables: dict[str, list[NDArray[np.float64]]] = {}
-    found = _computed(margins_of_row, rows, "linearising", progress, workers)
-    for (controller, *_), row in zip(rows, found, strict=True):
-        if isinstance(row, AflMujocoError):
-            not_linear.setdefault(controller.name, str(row))
+    points = [p for one in r.controllers if one.name not in not_linear for p in r.points(one)]
+    rows: list[Row] = []
+    found = _computed(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
+    for point, some in zip(points, found, strict=True):
+        if isinstance(some, AflMujocoError):
+            not_linear.setdefault(point.controller.name, str(some))
         else:
-            tables.setdefault(controller.name, []).append(row)
+            rows += some
     units = [
-        (one, r.plant(*pair), r.deployed, one.name not in not_linear)
+        (r.point(one, plant), tuple(r.axes), one.name not in not_linear)
         for one in sorted(r.controllers, key=lambda one: one.name in not_linear)
-        for pair in r.measured
+        for plant in r.measured
     ]
     measured = _computed(measure, units, "measuring", progress, workers) if units else []
-    for (controller, *_), motion in zip(units, measured, strict=True):
-        if isinstance(motion, AflMujocoError):
-            not_linear[controller.name] = str(motion)
-    own = {} if r.scenario is None else r.scenario.imperfections.departing()
+    for (point, *_), some in zip(units, measured, strict=True):
+        if isinstance(some, AflMujocoError):
+            not_linear[point.controller.name] = str(some)
+        else:
+            rows += some
+    departing = s.imperfections.departing()
+    left_out = [x for x in departing if x.partition(".")[0] not in (*LINEAR, "seed")]
+    linear = replace(linear_part(s.imperfections), control_period=None)
     return Result(
-        control_period=r.deployed.period,
-        cart_masses=r.cart_masses,
-        half_lengths=r.half_lengths,
-        pole_mass=r.nominal.pole_mass,
-        gravity=r.nominal.gravity,
-        imperfections=departures_text(replace(r.deployed.imperfections, control_period=None)),
+        scenario=s.name,
+        control_period=r.period,
+        imperfections=departures_text(linear),
+        left_out=tuple(left_out),
         linearisation_step=STEP,
-        margins={
-            name: {
-                kind: _as_loop(np.stack(table)[:, :, k])
-                for k, kind in enumerate(("continuous", "sampled"))
-            }
-            for name, table in tables.items()
-            if name not in not_linear
-        },
-        measured=tuple(one for one in measured if isinstance(one, DelayComparison)),
-        scenario=None if r.scenario is None else r.scenario.name,
-        left_out=tuple(name for name in own if name not in (*LINEAR, "seed")),
+        units={name: s.plant.units[name] for name in r.axes},
+        plants=len(r.plants),
+        rows=tuple(x for x in rows if x.loop == MEASURED or x.controller not in not_linear),
         not_linear=not_linear,
-        small_motions=tuple(one for one in measured if isinstance(one, SmallMotions)),
     )
 
 
@@ -380,61 +343,67 @@ def why_not_linear(controller: Controller) -> str | None:
     return None
 
 
-def refusal(
-    controller: Controller, plant: CartPoleParameters, deployed: Deployment
-) -> AflMujocoError | None:
+def refusal(point: Point) -> AflMujocoError | None:
     """Return why a controller has neither linear margins nor small motions; None if it has."""
     try:
-        if why_not_linear(controller) is None:
+        here = point.linear
+        if why_not_linear(here.controller) is None:
             with suppress(NotSmoothError):
-                linearize(controller, plant, deployed.imperfections, deployed.belief)
+                linearize(here.controller, here.scenario)
                 return None
-        require_equilibrium(controller, plant, deployed)
+        inputs_at_rest(here)
     except AflMujocoError as error:
         return error
     return None
 
 
-def margins_of_row(
-    unit: tuple[Controller, Plants, Deployment],
-) -> NDArray[np.float64] | AflMujocoError:
-    """Return the margins of a controller on some plants, shape (plants, 2, margins).
+def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError:
+    """Return the margins of a controller on a plant, of the continuous and of the held loop.
 
-    Those of the continuous loop come before those of the sampled one. Where the controller has no
-    linearisation, return why.
+    Where the controller has no linearisation, return why.
     """
-    controller, plants, (period, imperfections, belief, _) = unit
-    row = np.full((len(plants), 2, len(METRICS)), np.nan)
-    for place, plant in enumerate(plants):
-        try:
-            loop = linearize(controller, plant, imperfections, belief)
-        except AflMujocoError as error:
-            return error
-        for kind, held in enumerate((None, period)):
-            found = loop_margins(loop, held, imperfections)
-            if found is not None:
-                row[place, kind] = list(asdict(found).values())
-    return row
+    try:
+        point = point.linear
+        loop = linearize(point.controller, point.scenario)
+    except AflMujocoError as error:
+        return error
+    rows = []
+    for kind, period in ((CONTINUOUS, None), (HELD, point.period)):
+        found = loop_margins(loop, period, point.scenario.imperfections)
+        for i, name in enumerate(loop.inputs):
+            finite = {
+                key: x if math.isfinite(x) else None
+                for key, x in (asdict(found[i]) if found is not None else {}).items()
+            }
+            rows.append(_row(point, names, kind, name, stable=found is not None, **finite))
+    return rows
 
 
-def _as_loop(table: NDArray[np.float64]) -> Loop:
-    """Return margins of shape (masses, lengths, margins), NaN where unstable, as plain data."""
-    plain = np.where(np.isfinite(table), table, None)  # type: ignore[call-overload]
-    named = {"stable": ~np.isnan(table[..., METRICS.index("disk")])}
-    named |= {name: plain[..., k] for k, name in enumerate(METRICS)}
-    return {name: tuple(map(tuple, rows.tolist())) for name, rows in named.items()}
+def _row(
+    point: Point, names: Sequence[str], loop: str, name: str, *, stable: bool, **found: float | None
+) -> Row:
+    """Return a row of a point."""
+    nominal = point.scenario.nominal
+    return Row(
+        controller=point.controller.name,
+        loop=loop,
+        input=name,
+        parameters={key: nominal[key] for key in names},
+        stable=stable,
+        **found,
+    )
 
 
 # --- small motions in MuJoCo --------------------------------------------------------------------
 
-START = 1e-3  # pole angle at the start of a measurement [rad], small enough for the linearisation
+START = 1e-3  # deviation at the start of a measurement [rad, m], small for the linearisation
 
 DURATION, PARTS = 20.0, 5
 """Length of a run [s], and the number of parts into which it is cut. A motion decays if it is no
 larger in the last part than in the first and in the one before the last."""
 
 SMALL = 10.0 * START
-"""Largest pole angle in the last part [rad]: the motion may have grown into a limit cycle, which
+"""Largest deviation in the last part [rad, m]: the motion may have grown into a limit cycle, which
 no longer grows."""
 
 TOLERANCE = 1e-3  # relative tolerance of the delay that is compared with a margin [1]
@@ -442,41 +411,65 @@ DELAY = 0.05  # delay around which a threshold is sought if there is no margin [
 REACH = 0.05  # relative difference up to which margin and measurement agree [1]
 
 GAINS = scan_levels(1.0, 100.0, 13)
-"""Factors on the force that are tried, and their inverses, before the bisection [1]."""
+"""Factors on an input that are tried, and their inverses, before the bisection [1]."""
 
 DELAYS = scan_levels(1e-4, 1.0, 13)  # delays that are tried before the bisection [s]
 ROUGHLY = 1e-2  # relative tolerance of what is measured of a controller without linear margins [1]
-AT_REST = 1.0  # length of the run that shows whether upright is an equilibrium [s]
+AT_REST = 1.0  # length of the run that shows whether the target is an equilibrium [s]
+STILL = 1e-6  # how far inputs may stray in it [N, N m] and the state end from its target [m, rad]
 
 
-def measure(
-    unit: tuple[Controller, CartPoleParameters, Deployment, bool],
-) -> DelayComparison | SmallMotions | AflMujocoError:
-    """Return what one loop tolerates in MuJoCo; its delay beside the margin if it is linear.
+def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoError:
+    """Return what one loop tolerates in MuJoCo: the delay, and gains where it is not linear.
 
     Where that cannot be measured of one that is not, return why.
     """
-    controller, plant, deployed, linear = unit
-    place = controller.name, plant.cart_mass, plant.half_length
-    decays = partial(motion_decays, controller, plant, deployed=deployed)
-    if linear:
-        margin = delay_margin(controller, plant, *deployed[:3])
-        about = DELAY if margin is None else margin
-        measured = _least(decays, scan_levels(about / 5.0, about * 5.0, 7), TOLERANCE)
-        return DelayComparison(*place, margin, measured or None)
+    point, names, linear = unit
+    inputs, rows = point.scenario.plant.inputs, []
     try:
-        require_equilibrium(controller, plant, deployed)
-        if not decays(0.0):
-            return SmallMotions(*place, decays=False)
-        return SmallMotions(
-            *place,
-            decays=True,
-            gain_decrease=_least(lambda x: decays(0.0, gain=x), [1.0 / x for x in GAINS]),
-            gain_increase=_least(lambda x: decays(0.0, gain=x), GAINS),
-            delay=_least(decays, DELAYS),
-        )
+        point = point.linear
+        if linear:
+            found = loop_margins(
+                loop := linearize(point.controller, point.scenario), point.period,
+                point.scenario.imperfections,
+            )  # fmt: skip
+            held: Sequence[float] = loop.held
+            abouts = [one.delay for one in found] if found is not None else [math.inf] * len(inputs)
+        else:
+            held = inputs_at_rest(point)
+        stable = motion_decays(point, Change())
+        for i, name in enumerate(inputs):
+            same = Change(i, held[i])
+            delays = partial(_holds, point, same, "delay")
+            gains = partial(_holds, point, same, "gain")
+            tolerated: dict[str, float | None] = {}
+            if linear:
+                about = abouts[i] if math.isfinite(abouts[i]) else DELAY
+                scan = scan_levels(about / 5.0, min(about * 5.0, 0.9 * DURATION), 7)
+                tolerated["delay"] = _least(delays, scan, TOLERANCE) or None
+            elif stable:
+                tolerated["gain_decrease"] = _least(gains, [1.0 / x for x in GAINS])
+                tolerated["gain_increase"] = _least(gains, GAINS)
+                tolerated["delay"] = _least(delays, DELAYS)
+            rows.append(_row(point, names, MEASURED, name, stable=stable, **tolerated))
     except AflMujocoError as error:
         return error
+    return rows
+
+
+class Change(NamedTuple):
+    """What is changed of a loop at one of its inputs."""
+
+    place: int = 0  # which of them
+    held: float = 0.0  # the input at rest
+    delay: float = 0.0  # a transport delay on top of that of the imperfections [s]
+    gain: float = 1.0  # a factor on its deviation from rest
+
+
+def _holds(point: Point, same: Change, what: str, level: float) -> bool:
+    """Return whether a small motion decays with another delay or gain."""
+    changed: Any = {what: level}
+    return motion_decays(point, same._replace(**changed))
 
 
 def _least(
@@ -489,75 +482,67 @@ def _least(
     return 0.0 if found.holds_at is None else math.sqrt(found.holds_at * found.fails_at)
 
 
-def require_equilibrium(
-    controller: Controller, plant: CartPoleParameters, deployed: Deployment
-) -> None:
-    """Raise if a controller does not keep a pole that stands upright at rest.
+def inputs_at_rest(point: Point) -> list[float]:
+    """Return the inputs of a controller that keeps its plant at rest at the target, or raise.
 
     What small motions do says nothing of a loop that has its equilibrium elsewhere.
     """
-    thing = f"small motions of {controller.name!r} at M = {plant.cart_mass:g} kg"
-    thing += f", l = {plant.half_length:g} m"
-    run = small_motion(controller, plant, deployed, 0.0, AT_REST)
-    moved = np.flatnonzero(~(np.abs(run.force) <= REST))
-    if moved.size:
-        rule = "must be about an equilibrium: no force at upright"
-        raise InvalidValueError(thing, rule, f"{run.force[moved[0]]:g} N")
-    run = small_motion(controller, plant, deployed, START, AT_REST)
+    thing = f"small motions of {point.controller.name!r}"
+    r = replace(point.scenario.imperfections, delay=0.0, lag=0.0)  # before them nothing is exerted
+    prompt = point._replace(scenario=replace(point.scenario, imperfections=r))
+    run = small_motion(prompt, Change(), 0.0, AT_REST)
+    inputs = run.input.reshape(len(run.time), -1)
+    model = SimulatedModel(point.scenario.plant, imperfections=r)
+    model.write(point.scenario.values_at(0.0))
+    strayed = np.flatnonzero(~(np.abs(inputs - inputs[0]).max(axis=1) <= STILL))
+    for at in (0, *strayed[:1].tolist()):
+        require_rest(thing, point.scenario, inputs[at], model)
+    if not np.abs(run.state[-1] - run.state[0]).max() <= STILL:
+        rule = "must be about an equilibrium: its inputs must hold the plant at its target"
+        raise InvalidValueError(thing, rule)
+    run = small_motion(point, Change(), START, AT_REST)
     if run.outcome.kind == DIVERGED:
-        raise InvalidValueError(thing, "must have finite forces", f"diverged {run.outcome.time} s")
+        raise InvalidValueError(thing, "must have finite inputs", f"diverged {run.outcome.time} s")
+    return [float(x) for x in inputs[0]]
 
 
-def motion_decays(
-    controller: Controller,
-    plant: CartPoleParameters,
-    delay: float,
-    deployed: Deployment = USUAL,
-    gain: float = 1.0,
-) -> bool:
-    """Return whether a small motion about upright decays in MuJoCo.
-
-    A transport delay [s] comes on top of that of the imperfections, and a gain on the force.
-    """
-    hardware = replace(
-        deployed.imperfections, delay=deployed.imperfections.delay + delay, control_period=None
-    )
-    deployed = deployed._replace(imperfections=hardware)
-    run = small_motion(controller, plant, deployed, START, DURATION, gain)
+def motion_decays(point: Point, change: Change) -> bool:
+    """Return whether a small motion about the target decays in MuJoCo."""
+    run = small_motion(point, change, START, DURATION)
     if run.outcome.kind != COMPLETED:
         return False
-    peaks = np.array([part.max(axis=0) for part in np.array_split(np.abs(run.state), PARTS)])
+    target = np.array([*point.scenario.target, *np.zeros(len(point.scenario.target))])
+    away = np.abs(run.state - target)
+    peaks = np.array([part.max(axis=0) for part in np.array_split(away, PARTS)])
     decayed = (peaks[-1] <= np.minimum(peaks[0], peaks[-2])).all()
-    return bool(decayed and peaks[-1, 1] <= SMALL)
+    return bool(decayed and (peaks[-1, : len(target) // 2] <= SMALL).all())
 
 
-def small_motion(
-    controller: Controller,
-    plant: CartPoleParameters,
-    deployed: Deployment,
-    start: float,
-    duration: float,
-    gain: float = 1.0,
-) -> Trajectory:
-    """Return a run from an angle [rad] near upright in sampled mode, of whole control periods."""
-    from afl_mujoco.simulation.mujoco_model import CartPoleModel
-    from afl_mujoco.simulation.sampled.runs import simulate_sampled
-
-    period, imperfections, belief, timestep = deployed
-    scenario = Scenario(
+def small_motion(point: Point, change: Change, start: float, duration: float) -> Trajectory:
+    """Return a run from a deviation [m, rad] in sampled mode, of whole control periods."""
+    controller, s, period, timestep = point
+    r, plant, i = s.imperfections, s.plant, change.place
+    name = plant.inputs[i]
+    delays = {one: r.of_input("delay", one) + change.delay * (one == name) for one in plant.inputs}
+    scenario = replace(
+        s,
         name="small motion",
         duration=max(1, round(duration / period)) * period,
-        schedule=asdict(plant),
-        initial_state={"phi": start},
-        imperfections=replace(imperfections, control_period=None),
-        belief=belief,
+        initial_state=[*(x + start for x in s.target), *([0.0] * len(s.target))],
+        imperfections=replace(r, control_period=None, delay=delays, input_limit=None),
     )
 
     def amplify(spec: mujoco.MjSpec) -> None:
-        motor = spec.actuator("force")
-        motor.gear = gain * motor.gear
+        """Multiply the deviation of the input from what it is at rest."""
+        from mujoco import mjtBias
 
-    model = CartPoleModel(plant, edit=amplify, imperfections=scenario.imperfections)
+        if change.gain != 1.0:
+            motor = spec.actuators[i]
+            motor.biastype = mjtBias.mjBIAS_AFFINE
+            motor.biasprm[0] = (1.0 - change.gain) * change.held * motor.gainprm[0]
+            motor.gainprm[0] *= change.gain
+
+    model = SimulatedModel(plant, edit=amplify, imperfections=scenario.imperfections)
     model.compute_only()
     return simulate_sampled(
         scenario, controller, timestep=timestep, control_period=period, model=model
@@ -584,176 +569,197 @@ SHOWN = (
 
 def report(result: Result) -> Report:
     """Return what is shown of margins."""
-    held = f"force held {short(1e3 * result.control_period)} ms"
+    r = result
+    held = f"inputs held {short(1e3 * r.control_period)} ms"
     blocks: list[Block] = []
-    if result.scenario is not None:
-        left = listed(result.left_out, "and") or "none"
+    if r.imperfections != "none" or r.left_out:
+        left = listed(r.left_out, "and") or "none"
         blocks.append(
             plain(
-                f"Imperfections of {result.scenario} that count: {result.imperfections}; "
+                f"Imperfections of {r.scenario} that count: {r.imperfections}; "
                 f"that a linear loop cannot have: {left}."
             )
         )
-    if result.margins or result.small_motions:
+    measured = [row for row in r.rows if row.loop == MEASURED]
+    if r.rows:
         blocks.append(
             Figure(
                 name="margins-delay",
                 title=f"Delay margin [ms], {held}",
-                caption="Lightest and heaviest cart with the shortest pole, a middle and the "
-                "longest.",
-                draw=partial(_draw, result),
+                caption="On the plants at the ends of the ranges, and a middle.",
+                draw=partial(_draw, r),
             )
         )
-    if result.margins or result.not_linear:
-        blocks.append(_worst_matrix(result, held))
-    if result.not_linear:
-        reasons = (plain(f"{name}: {reason}") for name, reason in result.not_linear.items())
+        blocks.append(_worst_matrix(r, held))
+    if r.not_linear:
+        reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())
         blocks.append("\n".join(f"- {reason}" for reason in reasons))
-    if result.measured:
-        blocks.append(_measured_matrix(result))
-    said = [*(_said(result, name) for name in result.margins)]
-    said += [f"{name} {_tolerated(result, name)}" for name in result.not_linear]
+    if any(row.controller in r.controllers for row in measured):
+        blocks.append(_measured_matrix(r, measured))
+    said = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
     return Report(headline=f"Least delay margin: {' · '.join(said)}", blocks=blocks)
 
 
 def _said(result: Result, name: str) -> str:
     """Say how much delay a controller tolerates on its worst plant."""
-    if unstable := result.unstable(name, sampled=True):
-        return f"{name} unstable on {unstable} of {result.plants} plants"
-    worst = result.worst(name, "delay", sampled=True)
-    return f"{name} {_ms(None if worst is None else worst.value)} ms"
-
-
-def _tolerated(result: Result, name: str) -> str:
-    """Say the same of a controller whose small motions were measured."""
-    motions = _motions(result, name)
-    grow = sum(not one.decays for one in motions)
-    if not motions:
+    rows = result.of(name, HELD if name in result.controllers else MEASURED)
+    if not rows:
         return "has none"
-    return f"unstable on {grow} of {len(motions)} plants" if grow else f"{_delay(motions)} ms"
+    if unstable := [row for row in rows if not row.stable]:
+        count = len(result.inputs)
+        return f"unstable on {len(unstable) // count} of {_plants(len(rows) // count)}"
+    return f"{_ms(min(rows, key=lambda row: value_of(row, 'delay')))} ms"
 
 
-def _ms(delay: float | None) -> str:
-    return "∞" if delay is not None and math.isinf(delay) else fixed(delay and 1e3 * delay, 1)
+def _ms(row: Row) -> str:
+    """Return the delay that a loop tolerates [ms]."""
+    if row.loop == MEASURED and not row.delay:
+        return f"> {1e3 * DELAYS[-1]:g}" if row.delay is None else f"< {1e3 * DELAYS[0]:g}"
+    return "∞" if row.delay is None else fixed(1e3 * row.delay, 1)
+
+
+def _plants(count: int) -> str:
+    """Return a number of plants in words."""
+    return f"{count} plant{'s' * (count != 1)}"
+
+
+def _place(result: Result, parameters: Mapping[str, float], between: str = ", ") -> str:
+    """Return the parameters of a plant in words."""
+    return between.join(f"{x:.3g} {result.units[name]}" for name, x in parameters.items())
 
 
 def _draw(result: Result) -> Any:
-    """Draw the delay margins of controllers on the corners of the grid."""
+    """Draw the delay margins of controllers on the plants that were measured, or on the ends."""
     from afl_mujoco.report.figures import heat
 
-    plants = measured_plants(result.cart_masses, result.half_lengths)
-    cells = {
-        name: [_graded(result, name, plant) for plant in plants]
-        for name in (*result.margins, *dict.fromkeys(x.controller for x in result.small_motions))
-    }
+    rows = [row for row in result.rows if row.loop == MEASURED]
+    rows = rows or [row for row in result.rows if row.loop == HELD]
+    plants = list({tuple(row.parameters.items()): None for row in rows})
+    if len(plants) > 6:
+        plants = [plants[0], plants[-1]]
+    cells: dict[str, list[tuple[int, str]]] = {}
+    for controller in dict.fromkeys(row.controller for row in result.rows):
+        kind = HELD if controller in result.controllers else MEASURED
+        for name in result.inputs:
+            known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
+            label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
+            cells[label] = [_graded(known.get(plant)) for plant in plants]
     grades = np.array([[grade for grade, _ in row] for row in cells.values()])
     texts = [[text for _, text in row] for row in cells.values()]
-    columns = [f"{mass:g} kg\n{length:.3g} m" for mass, length in plants]
+    columns = [_place(result, dict(plant), "\n") for plant in plants]
     return heat([*cells], columns, grades, texts, GRADES)
 
 
-def _graded(result: Result, name: str, plant: tuple[float, float]) -> tuple[int, str]:
+def _graded(row: Row | None) -> tuple[int, str]:
     """Return the grade of a delay margin on a plant, and its text."""
-    if name in result.margins:
-        row, column = result.cart_masses.index(plant[0]), result.half_lengths.index(plant[1])
-        delay = float(result.values(name, "delay", sampled=True)[row, column])
-        text = _ms(delay)
-    else:
-        one = next(
-            (x for x in _motions(result, name) if (x.cart_mass, x.half_length) == plant), None
-        )
-        if one is None:
-            return 4, MISSING
-        delay = math.nan if not one.decays else math.inf if one.delay is None else one.delay
-        text = _delay([one])
-    if math.isnan(delay):
+    if row is None:
+        return 4, MISSING
+    if not row.stable:
         return 0, "unstable"
-    return 1 + sum(delay >= least for least in (SHORT, LONG)), text
+    return 1 + sum(value_of(row, "delay") >= least for least in (SHORT, LONG)), _ms(row)
 
 
 def _worst_matrix(result: Result, held: str) -> Matrix:
     """Return the worst margins of each controller, continuous, held and measured."""
+    r, several = result, len(result.inputs) > 1
+    shown = [(name, kind) for name in r.controllers for kind in (CONTINUOUS, HELD)]
+    shown += [(name, MEASURED) for name in r.not_linear]
     rows: list[list[Cell | str]] = []
-    for name, sampled in itertools.product(result.margins, (False, True)):
-        unstable = result.unstable(name, sampled=sampled)
-        least = result.worst(name, "delay", sampled=sampled)
-        cells = []
-        for _, metric, decimals, factor in SHOWN:
-            worst = result.worst(name, metric, sampled=sampled)
-            value = math.nan if worst is None else worst.value
-            cells.append("∞" if math.isinf(value) else fixed(factor * value, decimals))
+    for (name, kind), one in itertools.product(shown, r.inputs):
+        some = r.of(name, kind, one)
+        unstable, stable = [row for row in some if not row.stable], [x for x in some if x.stable]
+        cells = [_worst_cell(r, name, kind, one, *column) for column in SHOWN]
+        count = str(len(unstable)) if kind != MEASURED else f"{len(unstable)} of {len(some)}"
+        least = r.worst(name, kind, "delay", one)
         rows.append(
             [
                 name,
-                "held" if sampled else "continuous",
-                Cell(str(unstable), "bad" if unstable else ""),
-                *cells,
-                "" if least is None else f"{least.cart_mass:g} kg, {least.half_length:g} m",
+                *([one] if several else []),
+                kind,
+                Cell(count if some else MISSING, "bad" if unstable else ""),
+                *(cells if stable else [MISSING] * len(SHOWN)),
+                *(["" if least is None else _place(r, least.parameters)] if r.units else []),
             ]
         )
-    for name in result.not_linear:
-        motions = _motions(result, name)
-        decaying = [one for one in motions if one.decays]
-        lows, highs = (
-            [x for one in decaying if (x := getattr(one, key)) is not None]
-            for key in ("gain_decrease", "gain_increase")
-        )
-        cells = [
-            fixed(max(lows), 2) if lows else f"< {1.0 / GAINS[-1]:.2g}",
-            fixed(min(highs), 1) if highs else f"> {GAINS[-1]:g}",
-            MISSING,
-            MISSING,
-            _delay(motions),
-        ]
-        grow = len(motions) - len(decaying)
-        count = Cell(f"{grow} of {len(motions)}" if motions else MISSING, "bad" if grow else "")
-        rows.append([name, "measured", count, *(cells if decaying else [MISSING] * 5), ""])
     return Matrix(
-        caption=f"Worst margins over {result.plants} plants, {held}, and where the delay margin is "
+        caption=f"Worst margins over {_plants(r.plants)}, {held}, and where the delay margin is "
         f"least; measured: by motions of {short(1e3 * START)} mrad in MuJoCo",
-        columns=["Controller", "Force", "Unstable", *(name for name, *_ in SHOWN), "At M, l"],
+        columns=[
+            *("Controller", "Input")[: 1 + several], "Loop", "Unstable",
+            *(name for name, *_ in SHOWN), *([f"At {', '.join(r.units)}"] if r.units else []),
+        ],
         rows=rows,
-    )
+    )  # fmt: skip
 
 
-def _measured_matrix(result: Result) -> Matrix:
+def _worst_cell(
+    result: Result, name: str, kind: str, one: str, title: str, metric: str, decimals: int,
+    factor: float,
+) -> str:  # fmt: skip
+    """Return the worst value of a margin."""
+    worst = result.worst(name, kind, metric, one)
+    value = math.nan if worst is None else value_of(worst, metric)
+    if kind == MEASURED and metric in ("phase", "disk"):
+        return MISSING
+    if kind == MEASURED and worst is not None:
+        if metric == "delay":
+            return _ms(worst)
+        some = [x for x in result.of(name, kind, one) if x.stable]
+        known = [x for row in some if (x := getattr(row, metric)) is not None]
+        if not known:
+            return f"> {GAINS[-1]:g}" if metric == "gain_increase" else f"< {1 / GAINS[-1]:.2g}"
+        value = max(known) if metric in GROWS_WORSE else min(known)
+    return "∞" if math.isinf(value) else fixed(factor * value, decimals)
+
+
+def _measured_matrix(result: Result, measured: Sequence[Row]) -> Matrix:
     """Return the delay margins on some plants, and how far the measured delays are from them."""
     cells: dict[str, dict[str, Cell | str]] = {}
-    for one in result.measured:
-        text = "unstable" if one.margin is None else _ms(one.margin)
-        if one.difference is not None:
-            text += f" ({'+' if one.difference > 0 else ''}{percent(one.difference, 2)})"
-        elif one.margin is not one.measured:
-            text += f" ({_ms(one.measured)})"
-        plant = f"{one.cart_mass:g} kg, {one.half_length:g} m"
-        cells.setdefault(plant, {})[one.controller] = Cell(text, "" if one.agrees else "bad")
-    names = [*dict.fromkeys(one.controller for one in result.measured)]
+    names = []
+    for row in measured:
+        if row.controller not in result.controllers:
+            continue
+        name = row.controller if len(result.inputs) == 1 else f"{row.controller}, {row.input}"
+        names.append(name)
+        found = result.of(row.controller, HELD, row.input)
+        linear = next(one for one in found if one.parameters == row.parameters)
+        text = _ms(linear) if linear.stable else "unstable"
+        if (away := difference(linear, row)) is not None:
+            text += f" ({'+' if away > 0 else ''}{percent(away, 2)})"
+        elif not agree(linear, row):
+            text += f" ({fixed(1e3 * row.delay, 1) if row.delay else MISSING})"
+        cell = Cell(text, "" if agree(linear, row) else "bad")
+        cells.setdefault(_place(result, row.parameters), {})[name] = cell
+    names = list(dict.fromkeys(names))
     return Matrix(
         caption=f"Delay margin [ms], and how far from it the delay is from which a motion of "
         f"{short(1e3 * START)} mrad grows in MuJoCo",
-        columns=["M, l", *names],
+        columns=[", ".join(result.units), *names],
         rows=[[plant, *(row.get(name, MISSING) for name in names)] for plant, row in cells.items()],
         folded="Margins and delays measured in MuJoCo",
     )
 
 
-def _motions(result: Result, name: str) -> list[SmallMotions]:
-    return [one for one in result.small_motions if one.controller == name]
+def difference(linear: Row, measured: Row) -> float | None:
+    """Return the relative difference of a measured delay from the margin [1]; None without both."""
+    if not linear.stable or linear.delay is None or measured.delay is None:
+        return None
+    return measured.delay / linear.delay - 1.0
 
 
-def _delay(motions: Sequence[SmallMotions]) -> str:
-    """Return the least delay that some motions tolerate [ms]."""
-    found = [one.delay for one in motions if one.decays and one.delay is not None]
-    if not found:
-        return f"> {1e3 * DELAYS[-1]:g}"
-    return _ms(min(found)) if min(found) > 0.0 else f"< {1e3 * DELAYS[0]:g}"
+def agree(linear: Row, measured: Row) -> bool:
+    """Return whether they differ by no more than `REACH`, or neither has a delay."""
+    away = difference(linear, measured)
+    if away is None:
+        return (linear.delay, linear.stable) == (measured.delay, measured.stable)
+    return abs(away) <= REACH
 
 
 STUDY = Study(
     name="margins",
     title="Stability margins",
     order=40,
-    schema=4,
+    schema=5,
     configuration=Options,
     prepare=prepare,
     run=run,

@@ -115,7 +115,7 @@ BAD_ARGUMENTS = {
     "validate --fast": "--fast is not an option of validate",
     "thresholds --control-period": "--control-period is not an option of thresholds",
     "compare --time-step=1": "is not an option of compare; did you mean --timestep?",
-    "margins --masses 1": "of margins; did you mean --cart-masses or --pole-mass?",
+    "margins --level 1": "of margins; did you mean --levels?",
     "--fast": "--fast is not an option of afl-mujoco",
     "simulate nominal step-step": "argument 'step-step' is one too many",
     "compare nominal --film=1": "--film must have no value, got 1",

@@ -5,93 +5,103 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.studies import margins
-from afl_mujoco.studies.loop_margins import delay_margin, linearize, loop_margins
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.simulation.linear import bound
+from afl_mujoco.studies.loop_margins import linearize, loop_margins
 from afl_mujoco.studies.margins import (
+    CONTINUOUS,
+    HELD,
+    MEASURED,
     METRICS,
     REACH,
-    Deployment,
+    Change,
     Options,
+    Point,
     Request,
     Result,
-    SmallMotions,
+    Row,
+    agree,
+    difference,
     measure,
     motion_decays,
     prepare,
     report,
     run,
+    value_of,
 )
 from tests import study_results
 
 LQR, ADAPTIVE = CONTROLLERS["lqr"], CONTROLLERS["adaptive"]
-GRID = {"cart_masses": (0.1, 1.0), "half_lengths": (0.05, 0.5)}
+GRID = {"cart_mass": (0.1, 1.0), "half_length": (0.05, 0.5)}
+AT_REST = afl.Scenario(name="at rest")
 
 
-def plant(cart_mass: float, half_length: float, **others: float) -> afl.CartPoleParameters:
-    return afl.CartPoleParameters(cart_mass=cart_mass, half_length=half_length, **others)
+def plant(cart_mass: float, half_length: float) -> afl.Scenario:
+    schedule = {"cart_mass": cart_mass, "half_length": half_length}
+    return afl.Scenario(name="at rest", schedule=schedule)
 
 
 @pytest.fixture(scope="module")
 def survey() -> Result:
-    return run(Request([CONTROLLERS[name] for name in ("fixed", "fixed-nominal")], **GRID))
+    return run(Request(AT_REST, [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")], GRID))
 
 
 def test_a_survey_holds_the_margins_of_each_plant_and_where_the_worst_stands(survey) -> None:
-    loop = linearize(CONTROLLERS["fixed"], NOMINAL)
-    for sampled, period in ((False, None), (True, 1e-3)):
-        expected = loop_margins(loop, period)
+    loop = linearize(CONTROLLERS["fixed"], AT_REST)
+    for kind, period in ((CONTINUOUS, None), (HELD, 1e-3)):
+        (expected,) = loop_margins(loop, period)
+        rows = survey.of("fixed", kind)
+        assert len(rows) == 4
         for metric in METRICS:
-            values = survey.values("fixed", metric, sampled=sampled)
-            assert values.shape == (2, 2)
-            assert values[1, 1] == getattr(expected, metric)
-    worst = survey.worst("fixed-nominal", "delay")
-    assert (worst.cart_mass, worst.half_length) == (0.1, 0.05)
-    assert worst.value == survey.values("fixed-nominal", "delay").min()
+            assert value_of(rows[-1], metric) == getattr(expected, metric)
+    worst = survey.worst("fixed-nominal", CONTINUOUS, "delay")
+    assert worst.parameters == {"cart_mass": 0.1, "half_length": 0.05}
+    assert worst.delay == min(row.delay for row in survey.of("fixed-nominal", CONTINUOUS))
     for metric in ("gain_decrease", "crossover"):
-        values = survey.values("fixed", metric)
-        assert survey.worst("fixed", metric).value == values.max() > values.min()
+        values = [getattr(row, metric) for row in survey.of("fixed", CONTINUOUS)]
+        worst = survey.worst("fixed", CONTINUOUS, metric)
+        assert getattr(worst, metric) == max(values) > min(values)
 
 
 def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None:
     # a controller that assumes 1 kg and 0.5 m commands ten times too much force
-    assert np.isnan(survey.values("fixed-nominal", "delay", sampled=True)[0, 0])
-    assert not np.isnan(survey.values("fixed-nominal", "delay")[0, 0])
-    worst = survey.worst("fixed-nominal", "delay", sampled=True)
-    assert (worst.cart_mass, worst.half_length) != (0.1, 0.05)
-    loop = survey.loop("fixed-nominal", sampled=True)
-    assert loop["stable"] == ((False, True), (True, True))
-    assert loop["delay"][0][0] is None and survey.unstable("fixed-nominal", sampled=True) == 1
+    held, free = (survey.of("fixed-nominal", kind) for kind in (HELD, CONTINUOUS))
+    assert [row.stable for row in held] == [False, True, True, True]
+    assert held[0].delay is None and free[0].delay is not None
+    worst = survey.worst("fixed-nominal", HELD, "delay")
+    assert worst.parameters != {"cart_mass": 0.1, "half_length": 0.05}
     assert "fixed-nominal unstable on 1 of 4 plants" in report(survey).headline
 
 
 @pytest.mark.slow
 def test_two_workers_find_the_same_margins(survey: Result) -> None:
-    controllers = [CONTROLLERS[name] for name in survey.margins]
-    assert run(Request(controllers, **GRID), workers=2) == survey
+    controllers = [CONTROLLERS[name] for name in survey.controllers]
+    assert run(Request(AT_REST, controllers, GRID), workers=2) == survey
 
 
 def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:
-    grid = ["--cart-masses", "1", "--half-lengths", "0.5"]
-    few = ["--controllers", "lqr", *grid, "--no-measure", "--workers", "1", "--out", "out"]
-    code, output, errors = command_line("margins", *few)
+    few = ["--controllers", "lqr", "--quick", "--no-measure", "--workers", "1", "--out", "out"]
+    code, output, errors = command_line("margins", "nominal", *few)
     assert (code, errors) == (0, "")
     content = json.loads((tmp_path / "out" / "margins.json").read_text())
     assert content["command"] == (
-        "afl-mujoco margins --controllers lqr --cart-masses 1.0 --half-lengths 0.5 --no-measure"
+        "afl-mujoco margins nominal --controllers lqr --quick --no-measure"
     )
-    delay = content["margins"]["lqr"]["continuous"]["delay"][0][0]
-    assert f"{1e3 * delay:.2f}" in output and "Delay [ms]" in output
+    row = content["rows"][0]
+    assert (row["loop"], row["input"], row["parameters"]) == ("continuous", "force", {})
+    assert f"{1e3 * row['delay']:.2f}" in output and "Delay [ms]" in output
 
 
 def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> None:
@@ -103,17 +113,24 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
             "half_length": afl.constant(1.5),
         },
         imperfections=Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
+        ranges=Ranges(varied={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)}),
     )
     afl.save_scenario(own, tmp_path / "own.toml")
     asked = Options(scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False)
     request = prepare(asked)
-    assert request.cart_masses == (8.0, 8.5, 9.0, 9.5, 10.0)
-    assert request.half_lengths == (1.5,)
-    assert (request.deployed.period, request.nominal.pole_mass) == (0.01, 0.2)
-    assert request.deployed.imperfections == Imperfections(control_period=0.01, delay=0.004)
-    assert prepare(replace(asked, control_period=0.002)).deployed.period == 0.002
-    assert prepare(replace(asked, pole_mass=0.3)).nominal.pole_mass == 0.3
-    found = run(request._replace(cart_masses=(8.0,)))
+    assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
+    assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
+    assert [*request.axes] == ["cart_mass", "pole_mass"] and request.period == 0.01
+    here = request.point(LQR, (8.0, 0.1)).linear.scenario
+    assert here.nominal == {
+        "cart_mass": 8.0, "pole_mass": 0.1, "half_length": 1.5, "gravity": 9.81
+    }  # fmt: skip
+    assert here.imperfections == Imperfections(control_period=0.01, delay=0.004)
+    assert prepare(replace(asked, control_period=0.002)).period == 0.002
+    assert len(prepare(replace(asked, levels=3)).plants) == 9
+    with pytest.raises(InvalidValueError, match=r"at most 10000 plants of cart_mass, pole_mass"):
+        prepare(replace(asked, levels=101))
+    found = run(request._replace(axes={"cart_mass": (8.0,)}))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = report(found).blocks[0]
     assert "count: delay = 0.004; that a linear loop cannot have: noise.phi" in said
@@ -121,48 +138,56 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
 
 def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
     plain, late = (
-        run(Request([LQR], (1.0,), (0.5,), Deployment(0.01, Imperfections(delay=delay))))
+        run(Request(replace(AT_REST, imperfections=Imperfections(delay=delay)), [LQR], {}, 0.01))
         for delay in (0.0, 0.01)
     )
-    one, other = (found.values("lqr", "delay", sampled=True)[0, 0] for found in (plain, late))
+    one, other = (found.of("lqr", HELD)[0].delay for found in (plain, late))
     assert other == pytest.approx(one - 0.01, rel=1e-9)
     assert late.imperfections == "delay = 0.01"
-    continuous = [found.values("lqr", "delay")[0, 0] for found in (plain, late)]
+    continuous = [found.of("lqr", CONTINUOUS) for found in (plain, late)]
     assert continuous[0] == continuous[1]
 
 
 # Small motions in MuJoCo
 
 
+def measured(
+    controller: Controller, scenario: afl.Scenario, period: float = 1e-3
+) -> tuple[Row, Row]:
+    """Return what is linear and what is measured of a cart-pole."""
+    found = run(Request(scenario, [controller], {}, period, measured=[()]))
+    return found.of(controller.name, HELD)[0], found.of(controller.name, MEASURED)[0]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
 def test_margin_and_measurement_agree(name: str) -> None:
-    found = measure((CONTROLLERS[name], plant(0.5, 0.2), Deployment(), True))
-    assert found.agrees
-    assert abs(found.difference) < 0.01  # far within REACH
+    linear, found = measured(CONTROLLERS[name], plant(0.5, 0.2))
+    assert agree(linear, found)
+    assert abs(difference(linear, found)) < 0.01  # far within REACH
 
 
 @pytest.mark.slow
-def test_a_wrong_margin_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    true = delay_margin(LQR, plant(1.0, 0.5))
-    monkeypatch.setattr(margins, "delay_margin", lambda *plant: true * (1.0 + 2.0 * REACH))
-    found = measure((LQR, plant(1.0, 0.5), Deployment(), True))
-    assert not found.agrees
-    assert found.difference == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=0.01)
+def test_a_wrong_margin_is_found_out() -> None:
+    linear, found = measured(LQR, plant(1.0, 0.5))
+    wrong = replace(linear, delay=linear.delay * (1.0 + 2.0 * REACH))
+    assert not agree(wrong, found)
+    assert difference(wrong, found) == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=0.01)
 
 
 @pytest.mark.slow
 def test_a_limit_cycle_is_no_decay() -> None:
-    margin = delay_margin(ADAPTIVE, plant(2.0, 0.05))
-    assert motion_decays(ADAPTIVE, plant(2.0, 0.05), 0.98 * margin)
+    light = Point(ADAPTIVE, plant(2.0, 0.05))
+    margin = loop_margins(linearize(*light[:2]), 1e-3)[0].delay
+    assert motion_decays(light, Change(delay=0.98 * margin))
     for factor in (1.02, 1.3, 1.6, 1.9):  # it falls no more than it decays
-        assert not motion_decays(ADAPTIVE, plant(2.0, 0.05), factor * margin)
+        assert not motion_decays(light, Change(delay=factor * margin))
 
 
 class Remembering:
     def __init__(self, bias: float = 0.0) -> None:
         self.calls, self.bias = 0, bias
-        self.gains = linearize(LQR, NOMINAL).k.tolist()
+        self.gains = linearize(LQR, AT_REST).k[0].tolist()
 
     def __call__(self, time, state, belief) -> float:
         self.calls += 1
@@ -181,9 +206,9 @@ def kinked(time, state, belief) -> float:
 def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -> None:
     mine = PythonController(name="mine", function=Remembering)
     period = 0.01
-    expected = loop_margins(linearize(LQR, NOMINAL), period)
-    found = measure((mine, NOMINAL, Deployment(period), False))
-    assert found.decays
+    (expected,) = loop_margins(linearize(LQR, AT_REST), period)
+    (found,) = measure((Point(mine, AT_REST, period), (), False))
+    assert found.stable
     for name in ("gain_decrease", "gain_increase", "delay"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=0.02), name
 
@@ -193,17 +218,61 @@ def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
         PythonController(name=name, function=function)
         for name, function in (("memory", Remembering), ("biased", biased), ("kinked", kinked))
     ]
-    alone = run(Request([LQR], **GRID))
-    found = run(Request([own[0], own[1], LQR, own[2]], **GRID).require())
-    assert found.margins == alone.margins
+    alone = run(Request(AT_REST, [LQR], GRID))
+    found = run(Request(AT_REST, [own[0], own[1], LQR, own[2]], GRID).require())
+    assert found.rows == alone.rows
     assert found.not_linear["memory"] == "has a memory, which a linearisation leaves out"
-    assert "no force at upright, got 1 N" in found.not_linear["biased"]
+    rule = "must hold the plant at its target, got z accelerates by"
+    assert rule in found.not_linear["biased"]
     assert "must be smooth" in found.not_linear["kinked"]
-    with pytest.raises(InvalidValueError, match="no force at upright, got 1 N"):
-        Request(own[1:2], **GRID).require()
+    with pytest.raises(InvalidValueError, match=rule):
+        Request(AT_REST, own[1:2], GRID).require()
     late = PythonController(name="late", function=partial(Remembering, 1.0))
-    refused = measure((replace(late, stateful=True), NOMINAL, Deployment(), False))
-    assert "no force at upright, got 1 N" in str(refused)
+    refused = measure((Point(replace(late, stateful=True), AT_REST), (), False))
+    assert "must hold the plant at its target, got z accelerates by 0.98" in str(refused)
+
+
+# Any plant
+
+QUADROTOR = Path(__file__).parents[2] / "examples" / "quadrotor_load.toml"
+
+
+class Hovering:
+    """The LQR of the quadrotor, with a memory that does nothing."""
+
+    def __init__(self) -> None:
+        scenario = replace(afl.load_scenario(QUADROTOR), disturbances=())
+        self.loop = linearize(bound(LQR, scenario), scenario)
+        self.target = np.array([*scenario.target, *np.zeros(4)])
+
+    def __call__(self, time, state, belief):
+        return self.loop.held - self.loop.k[:, :8] @ (state - self.target)
+
+
+def test_a_plant_of_several_inputs_is_measured_where_its_linear_margins_are() -> None:
+    """Its gains are factors on what departs from the input that holds it."""
+    scenario = afl.load_scenario(QUADROTOR)
+    mine = PythonController(name="mine", function=Hovering, plant=scenario.plant)
+    request = Request(scenario, [LQR, mine], {"load": (0.02,)}, 0.005)
+    linear = request.point(LQR, (0.02,)).linear
+    expected = loop_margins(linearize(*linear[:2]), 0.005, linear.scenario.imperfections)
+    found = measure((request.point(mine, (0.02,)), ("load",), False))
+    assert [row.input for row in found] == ["left", "right"]
+    for row, margins in zip(found, expected, strict=True):
+        assert row.stable and row.parameters == {"load": 0.02}
+        assert row.gain_increase == pytest.approx(margins.gain_increase, rel=0.02)
+        assert row.delay == pytest.approx(margins.delay, rel=0.05)
+
+
+def test_a_plant_that_is_not_held_at_its_target_is_refused() -> None:
+    scenario = afl.load_scenario(QUADROTOR)
+    heavy = replace(scenario, belief={"load": {"error": 1.0}})
+    rule = "hold the plant at its target, got z accelerates by"
+    with pytest.raises(InvalidValueError, match=rule):
+        Request(heavy, [LQR], {}).require()
+    weak = replace(scenario, imperfections=Imperfections(input_limit=2.0))
+    with pytest.raises(InvalidValueError, match=r"within -2 to 2, got left = 5.0"):
+        Request(weak, [LQR], {}).require()
 
 
 # What is shown
@@ -226,26 +295,26 @@ def test_the_table_has_the_worst_of_the_stable_plants() -> None:
 
 
 def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() -> None:
-    def motion(name: str, decays: bool = True, **found: float | None) -> SmallMotions:
-        return SmallMotions(
-            controller=name, cart_mass=2.0, half_length=0.05, decays=decays, **found
+    def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> Row:
+        place = {"cart_mass": mass, "half_length": 0.05}
+        return Row(
+            controller=name, loop=MEASURED, input="force", parameters=place, stable=stable, **found
         )
 
     result = replace(
         MADE_UP,
-        margins={},
-        measured=(),
         not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
-        small_motions=(
-            motion("mine", gain_decrease=0.25, gain_increase=8.0, delay=0.0),
-            replace(motion("mine", gain_decrease=0.5, delay=0.02), cart_mass=0.1),
-            motion("wild", decays=False),
-            replace(motion("wild"), cart_mass=0.1),
+        rows=(
+            motion("mine", 2.0, gain_decrease=0.25, gain_increase=8.0, delay=0.0),
+            motion("mine", 0.1, gain_decrease=0.5, delay=0.02),
+            motion("wild", 2.0, stable=False),
+            motion("wild", 0.1),
         ),
     )
     (rows,) = matrices(result)
+    least, other = "2 kg, 0.05 m", "0.1 kg, 0.05 m"
     assert rows == [
-        ["mine", "measured", "0 of 2", "0.50", "8.0", "–", "–", "< 0.1", ""],
-        ["wild", "measured", "✗ 1 of 2", "< 0.01", "> 100", "–", "–", "> 1000", ""],
+        ["mine", "measured", "0 of 2", "0.50", "8.0", "–", "–", "< 0.1", least],
+        ["wild", "measured", "✗ 1 of 2", "< 0.01", "> 100", "–", "–", "> 1000", other],
         ["biased", "measured", *["–"] * 6, ""],
     ]
