@@ -139,54 +139,59 @@ def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) 
 
 
 def require_loggable(scenario: Scenario, controller: Controller, simulator: str) -> None:
-    """Raise unless a run can be a log: sampled, of a constant cart-pole, without an estimator."""
+    """Raise unless a run can be a log: sampled, without an estimator; a cart-pole is constant."""
     if simulator != "sampled":
         raise InvalidValueError("simulator", "must be sampled for a log", repr(simulator))
     if controller.estimates:
         rule = "must not use the estimator"
         raise InvalidValueError("controller of a log", rule, controller.name)
-    scenario.require_cart_pole("a log")
+    if not scenario.is_cart_pole:
+        return
     if len({*scenario.cart_mass.values}) > 1 or len({*scenario.half_length.values}) > 1:
         raise InvalidValueError("scenario of a log", "must keep M and l constant", scenario.name)
 
 
 def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> list[Path]:
-    """Write a sampled run as a log and its description; return the two files.
+    """Write a sampled run as a log, of a cart-pole with its description; return the files.
 
     The readings are those that the controller got, with the noise and resolution of its sensors.
-    The commands are those that it gave, cut off at the force limit, before any delay or lag of the
-    drive.
+    The commands are those that it gave, cut off at the limits of the inputs, before any delay or
+    lag of the drives.
     """
-    settings = run.provenance["settings"]
+    settings, plant = run.provenance["settings"], scenario.plant
     period, r = settings["control_period"], scenario.imperfections
     hold, sensors = round(period / settings["timestep"]), sensors_of(scenario, period)
-    model, run_state, rows = SimulatedModel(scenario.plant), new_run(), []
-    for tick, k in enumerate(range(0, len(run.time) - 1, hold)):
-        write_state(model.addresses, run.state[k].copy())
+    n, k = len(plant.coordinates), len(plant.inputs)
+    model, run_state = SimulatedModel(plant), new_run(n, k)
+    steps = range(0, len(run.time) - 1, hold)
+    readings = np.empty((len(steps), n))
+    for tick, step in enumerate(steps):
+        write_state(model.addresses, run.state[step].copy())
         sense(model.addresses, sensors, run_state, tick)
-        z, phi, *_ = run_state.measured.tolist()
-        rows.append((run.time[k], phi, z, run.command[k]))
-    columns = np.array(rows).reshape(len(rows), 4).T
-    if (limit := r.input_limit) is not None:
-        columns[3] = np.clip(columns[3], -limit, limit)
+        readings[tick] = run_state.measured[:n]
+    commands = np.clip(run.command[steps].reshape(len(steps), k), *scenario.limits.T)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
-    write_log(files[0], columns)
-    plant = scenario.parameters_at(0.0)
+    if not scenario.is_cart_pole:
+        names = ("time", *plant.coordinates, *plant.inputs)
+        write_log(files[0], np.vstack([run.time[steps], readings.T, commands.T]), names)
+        return files[:1]
+    write_log(files[0], np.vstack([run.time[steps], readings.T[::-1], commands.T]))
+    limit, nominal = r.input_limit, scenario.parameters_at(0.0)
     described = Description(
         name=scenario.name,
         period=period,
         phi=AngleColumn(resolution=r.at("encoder_step.phi")),
         z=PositionColumn(resolution=r.at("encoder_step.z")),
-        command=CommandColumn(limit=limit or float(np.abs(columns[3]).max(initial=0.0)) or 1.0),
+        command=CommandColumn(limit=limit or float(np.abs(commands).max(initial=0.0)) or 1.0),
         nominal=Nominal(
-            pole_mass=plant.pole_mass,
-            half_length=plant.half_length,
-            cart_mass=plant.cart_mass,
+            pole_mass=nominal.pole_mass,
+            half_length=nominal.half_length,
+            cart_mass=nominal.cart_mass,
             force=1.0,
             hinge_damping=r.at("damping.phi"),
             rail_damping=r.at("damping.z"),
             rail_half_length=scenario.rail,
-            gravity=plant.gravity,
+            gravity=nominal.gravity,
         ),
     )
     write_text(files[1], tomli_w.dumps(to_table(described)))

@@ -98,11 +98,14 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
     return [read_log(file, description) for file in files]
 
 
-def write_log(path: Path, columns: NDArray[np.float64]) -> None:
-    """Write time, phi, z and command [s, rad, m, N] as a log with the default column names."""
+def write_log(
+    path: Path,
+    columns: NDArray[np.float64],
+    names: Sequence[str] = ("time", "phi", "z", "command"),
+) -> None:
+    """Write columns of numbers in SI units as a log, by default with the default names."""
     with atomic_file(path) as temporary:
-        header = "time,phi,z,command"
-        np.savetxt(temporary, columns.T, "%.9g", ",", header=header, comments="")
+        np.savetxt(temporary, columns.T, "%.9g", ",", header=",".join(names), comments="")
 
 
 def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:

@@ -13,6 +13,8 @@ from afl_mujoco.identification.export import require_loggable, write_run
 from afl_mujoco.identification.identify import identify
 from afl_mujoco.identification.log import read_log
 from afl_mujoco.scenario.catalogue import SCENARIOS
+from afl_mujoco.scenario.files import load_scenario
+from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from tests.synthetic_logs import RIG
@@ -71,12 +73,25 @@ def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> N
 
 def test_what_cannot_be_a_log_is_refused() -> None:
     lqr = find_controller("lqr")
-    other = Scenario(name="other", plant=f"{EXAMPLES}/cart_double_pendulum.py:plant")
-    with pytest.raises(AflMujocoError, match="must be the cart-pole for a log, got 'cart-double"):
-        require_loggable(other, lqr, "sampled")
     with pytest.raises(AflMujocoError, match="simulator must be sampled for a log, got 'exact'"):
         require_loggable(RIG, lqr, "exact")
     with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l constant"):
         require_loggable(SCENARIOS["step-step"], lqr, "sampled")
     with pytest.raises(AflMujocoError, match="controller of a log must not use the estimator"):
         require_loggable(RIG, find_controller("adaptive-estimated"), "sampled")
+
+
+def test_any_plant_is_logged_by_its_names(tmp_path: Path) -> None:
+    scenario = load_scenario(EXAMPLES / "quadrotor_load.toml")
+    asked = Requirements(target={"z": 1.0})
+    scenario = replace(scenario, duration=1.0, disturbances=(), schedule={}, requirements=asked)
+    require_loggable(scenario, find_controller("lqr"), "sampled")
+    run = simulate_mujoco(scenario, "lqr")
+    (path,) = write_run(scenario, run, tmp_path, "flight")
+    with path.open() as file:
+        assert next(file).split() == ["time,x,z,pitch,cable,left,right"]
+        rows = np.loadtxt(file, delimiter=",")
+    np.testing.assert_allclose(rows[:, 0], 0.005 * np.arange(200), rtol=1e-8)
+    noise = rows[:, 1:5] - run.state[:-1:5, :4]
+    assert np.abs(noise[:, [0, 1, 3]]).max() < 1e-8 and 5e-4 < noise[:, 2].std() < 2e-3
+    assert rows[:, 5:].max() == 12.0 < run.command.max()
