@@ -387,7 +387,7 @@ class Simulate(_Deployed):
     def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
         from afl_mujoco.scenario.sampling import LONGEST_STEP
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-        from afl_mujoco.simulation.ode import simulate_ode
+        from afl_mujoco.simulation.simulate import simulate_ode
 
         if simulator == "ode":
             return simulate_ode(scenario, controller, sample_period=self.timestep or LONGEST_STEP)

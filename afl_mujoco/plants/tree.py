@@ -48,6 +48,9 @@ class Tree(NamedTuple):
     site_body: Whole  # (s,)
     site_pos: Floats  # (s, 3) [m]
     site_quat: Floats  # (s, 4)
+    # how bodies move in their frames where parameters have rates: first and second derivatives in
+    # time of body_pos and of body_ipos, and the first of body_inertia, (b, 5, 3)
+    drift: Floats
 
 
 @register_jitable
@@ -133,6 +136,12 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
         for i in range(2):
             _add(1.0, velocity[up, i], velocity[b, i])
             _add(1.0, acceleration[up, i], acceleration[b, i])
+        for i in range(2):
+            _add(-1.0, step[i], step[i])
+        _add_turned(frame[up], tree.drift[b, 0], step[1])  # u = R d', and u' = w x u + R d''
+        _add(1.0, step[1], velocity[b, 1])
+        _add_cross(velocity[up, 0], step[1], acceleration[b, 1])
+        _add_turned(frame[up], tree.drift[b, 1], acceleration[b, 1])
         _add_turned(frame[up], tree.body_pos[b], place[b])
         _turn_by(frame[b], tree.body_quat[b])
         for j in range(tree.first_joint[b], tree.first_joint[b] + tree.joint_count[b]):
@@ -182,6 +191,28 @@ def _forces(tree, velocity, acceleration, moment, inertia, force, energy):
         _add_cross(velocity[b, 0], held[0], force[b, 0])
         _add_cross(velocity[b, 1], held[1], force[b, 0])
         _add_cross(velocity[b, 0], held[1], force[b, 1])
+
+
+@register_jitable
+def _drifting(tree, frame, velocity, moment, force):
+    """Add what bodies need whose centre and inertia change: m (2 w x u + R d'') and I' w."""
+    for b in range(1, len(tree.parent)):
+        drift, own, move = np.zeros((2, 3)), np.zeros((3, 3)), np.zeros(3)
+        _add_turned(frame[b], tree.drift[b, 2], move)
+        _add_cross(velocity[b, 0], move, drift[1])
+        _add(1.0, drift[1], drift[1])
+        _add_turned(frame[b], tree.drift[b, 3], drift[1])
+        _add_cross(moment[b], drift[1], drift[0])  # m c x (2 w x u + R d'')
+        _add(1.0, drift[0], force[b, 0])
+        _add(tree.body_mass[b], drift[1], force[b, 1])
+        for i in range(3):
+            _add(1.0, frame[b, i], own[i])
+        _turn_by(own, tree.body_iquat[b])
+        for i in range(3):
+            for j in range(3):
+                for k in range(3):
+                    rate = own[i, k] * tree.drift[b, 4, k] * own[j, k]
+                    force[b, 0, i] += rate * velocity[b, 0, j]
 
 
 @register_jitable
@@ -256,6 +287,8 @@ def _collect(tree, q, v, motion, owner, moment, inertia, force, mass, bias, ener
 def terms(tree, q, v, mass, bias, inputs, energy):
     """Fill M, h and B of ``M v' + h = B u``, and the kinetic and potential energy.
 
+    Where bodies drift, h has what that needs, and the energies do not count.
+
     q, v: Coordinates and rates, shape (n,).
     mass, bias, inputs, energy: Shapes (n, n), (n,), (n, k), (2,) [J].
     """
@@ -270,6 +303,7 @@ def terms(tree, q, v, mass, bias, inputs, energy):
     _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
     _inertias(tree, place, frame, moment, inertia)
     _forces(tree, velocity, acceleration, moment, inertia, force, energy)
+    _drifting(tree, frame, velocity, moment, force)
     _motors(tree, place, frame, motion, owner, inputs)
     _collect(tree, q, v, motion, owner, moment, inertia, force, mass, bias, energy)
 

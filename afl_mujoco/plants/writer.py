@@ -64,6 +64,19 @@ class Target(NamedTuple):
         return " ".join(filter(None, parts))
 
 
+NEAR = 1e-2
+"""Step of the differences along a rate, as a share of the parameter: exact for polynomials up to
+the fourth degree, to 1e-10 for others that are as smooth."""
+
+FIRST, SECOND = np.array([1, -8, 0, 8, -1]) / 12.0, np.array([-1, 16, -30, 16, -1]) / 12.0
+"""Differences of five values at unit steps."""
+
+ROUNDING = 1e-13  # of what is written, within which a second difference, or that of a mass, is 0
+
+DRIFTS = {"body_pos": 0, "body_ipos": 2, "body_inertia": 4}
+"""Fields whose derivatives move a body in its frame, and where they stand."""
+
+
 class PlantModel:
     """A plant's MuJoCo model, its parameters at their nominal values until others are written.
 
@@ -262,6 +275,37 @@ class PlantModel:
                 raise InvalidValueError(f"write: {target}", "must be a number", value) from None
         return columns.T.copy()
 
+    def drift(self, parameters: Floats, rates: Floats) -> Floats:
+        """Return how bodies move in their frames where parameters have rates, or raise.
+
+        parameters, rates: Shape (N, parameters), a rate that does not act 0.
+        Returns ndarray: First and second derivatives in time of body_pos and of body_ipos, and the
+            first of body_inertia, shape (N, bodies, 5, 3).
+        """
+        found = np.zeros((len(parameters), self.mj_model.nbody, 5, 3))
+        size = np.maximum(np.abs(parameters), 1e-3 * np.maximum(np.abs(self.plant.nominal), 1e-3))
+        with np.errstate(divide="ignore"):
+            step = NEAR * (size / np.abs(rates)).min(axis=1, initial=np.inf)
+        moving = np.flatnonzero(np.isfinite(step))
+        if not moving.size:
+            return found
+        step, p, rates = step[moving, None], parameters[moving], rates[moving]
+        rows = np.array([self.rows(p + k * step * rates) for k in range(-2, 3)])
+        first = np.tensordot(FIRST, rows, 1) / step
+        second = np.tensordot(SECOND, rows, 1) / step**2
+        second[np.abs(second) * step**2 <= ROUNDING * np.abs(rows).max(axis=0)] = 0.0
+        for (field, i, k), target, x, y in zip(
+            self._places, self.targets, first.T, second.T, strict=True
+        ):
+            if field == "body_mass" and (np.abs(x) > ROUNDING).any():
+                rule = "must not change with a parameter whose rate enters: a mass has a jump"
+                raise InvalidValueError(f"write: {target}", rule)
+            if (place := DRIFTS.get(field)) is not None:
+                found[moving, i, place, k] = x
+                if field != "body_inertia":
+                    found[moving, i, place + 1, k] = y
+        return found
+
     def require(self, rows: Floats, parameters: Floats | None = None) -> None:
         """Raise unless MuJoCo takes every row."""
         for bad, target, rule in self._rules(rows):
@@ -427,6 +471,7 @@ class PlantModel:
             "motor_site": np.where(site, joint, -1).astype(np.int64),
             "motor_gain": m.actuator_gainprm[:, 0],
             "site_body": m.site_bodyid.astype(np.int64),
+            "drift": np.zeros((m.nbody, 5, 3)),
         }
 
 

@@ -332,6 +332,21 @@ class Scenario:
         """Return the true parameters at some times [s], shape (N, parameters)."""
         return _columns((schedule(times) for schedule in self.schedule.values()), len(times))
 
+    def acting_rates(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the rates of parameters that act on the motion at some times, 0 for the others.
+
+        times: Times [s], shape (N,), none of them a breakpoint.
+        Returns ndarray: Shape (N, parameters) [1/s].
+        """
+        found = np.zeros((len(times), len(self.schedule)))
+        for i, (name, one) in enumerate(self.plant.parameters.items()):
+            schedule = self.schedule[name]
+            if one.rate == "enters" and schedule.breakpoints:
+                edges = (-math.inf, *schedule.breakpoints)
+                rates = np.array([0.0, *(schedule.piece(t)[1] for t in edges[1:])])
+                found[:, i] = rates[np.searchsorted(edges, times, side="right") - 1]
+        return found
+
     def values_at(self, time: float) -> NDArray[np.float64]:
         """Return the true parameters at a time [s], after a jump, shape (parameters,)."""
         return np.array([schedule.at(time) for schedule in self.schedule.values()])

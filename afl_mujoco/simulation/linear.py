@@ -51,7 +51,7 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
         asked.get(name, asked.get(f"{name}_command", limit or 0.0))
         for name, limit in zip(plant.inputs, limits, strict=True)
     ]
-    model = _model(plant, threading.get_ident())
+    model = plant_model(plant, threading.get_ident())
 
     def rest(values: NDArray[np.float64]) -> Rest:
         return rest_of(model, np.array(scenario.target), values)
@@ -82,7 +82,7 @@ def _known(plant: Plant, *weights: tuple[float, ...]) -> dict[bytes, NDArray[np.
 
 
 @lru_cache(maxsize=32)
-def _model(plant: Plant, thread: int) -> PlantModel:
+def plant_model(plant: Plant, thread: int) -> PlantModel:
     """Return a model of a plant for a thread."""
     return PlantModel(plant)
 

@@ -9,12 +9,21 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import inlined_kernel, kernel, load, store
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.cartpole import CART_POLE, model_file
-from afl_mujoco.plants.library import mj_forward, mujoco, write_row
+from afl_mujoco.plants.library import (
+    mj_apply_ft,
+    mj_com_pos,
+    mj_com_vel,
+    mj_forward,
+    mj_kinematics,
+    mujoco,
+    write_row,
+)
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
@@ -84,6 +93,10 @@ class Addresses(NamedTuple):
     smooth: int  # accelerations without friction and stops
     n: int  # how many coordinates
     k: int  # and inputs there are
+    # of masses of bodies, their orientations, those of their inertias, their centres and velocities
+    bodies: NDArray[np.int64]
+    parents: NDArray[np.int64]  # which body carries each
+    work: NDArray[np.float64]  # work space of `rate_forces`
     structures: NDArray[np.int64]  # of the model and of scratch data, for `library.write_row`
     targets: NDArray[np.int64]  # of what a row of the writer has
 
@@ -148,6 +161,84 @@ def impulse_jump(at, impulse, out):
     mj_forward(at.model, at.data)
     for i in range(at.n):
         out[i] -= load(at.smooth + 8 * i)
+
+
+@register_jitable
+def _turned(address, vector, out):
+    """Add a matrix of MuJoCo times a vector."""
+    for i in range(3):
+        for j in range(3):
+            out[i] += load(address + 8 * (3 * i + j)) * vector[j]
+
+
+@register_jitable
+def _crossed(a, b, factor, out):
+    """Add a multiple of a x b."""
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        out[i] += factor * (a[j] * b[k] - a[k] * b[j])
+
+
+@kernel
+def rate_forces(at, drift, state, out):
+    """Write the generalised forces by which rates of parameters act on the motion, shape (n,).
+
+    Each body needs a force m r'' beside that of a plant whose parameters stay, for what its centre
+    moves in its own frame and its frame in that of each body that carries it, 2 w x u + R d'', and
+    a torque I' w; -J' of these is what acts. They are computed by MuJoCo's own kinematics.
+
+    drift: What `PlantModel.drift` returns, flat, shape (bodies * 15,).
+    """
+    write_state(at, state)
+    mj_kinematics(at.model, at.data)
+    mj_com_pos(at.model, at.data)
+    mj_com_vel(at.model, at.data)
+    masses, frames, axes, centres, velocities = at.bodies
+    at.work[:] = 0.0
+    size = 3 * len(at.parents)
+    for i in range(at.n):
+        out[i] = 0.0
+    for b in range(1, len(at.parents)):
+        up, parts = at.parents[b], drift[15 * b : 15 * b + 15]
+        needed, above = at.work[3 * b : 3 * b + 3], at.work[3 * up : 3 * up + 3]
+        spin = at.work[size + 3 * b : size + 3 * b + 3]
+        carrier = at.work[size + 3 * up : size + 3 * up + 3]  # the rate of what carries it
+        for i in range(3):
+            needed[i] = above[i]
+            spin[i] = load(velocities + 48 * b + 8 * i)
+        held, force = at.work[2 * size : 2 * size + 3], at.work[2 * size + 3 : 2 * size + 6]
+        torque, turn = at.work[2 * size + 6 : 2 * size + 9], at.work[2 * size + 9 :]
+        held[:] = force[:] = torque[:] = turn[:] = 0.0
+        _turned(frames + 72 * up, parts[:3], held)
+        _crossed(carrier, held, 2.0, needed)
+        _turned(frames + 72 * up, parts[3:6], needed)
+        held[:] = 0.0
+        for i in range(3):
+            force[i] = needed[i]
+        _turned(frames + 72 * b, parts[6:9], held)
+        _crossed(spin, held, 2.0, force)
+        _turned(frames + 72 * b, parts[9:12], force)
+        for i in range(3):  # I' w, along the axes of the inertia
+            for j in range(3):
+                turn[i] -= load(axes + 72 * b + 8 * (3 * j + i)) * spin[j] * parts[12 + i]
+            force[i] *= -load(masses + 8 * b)
+        _turned(axes + 72 * b, turn, torque)
+        wrench = force.ctypes.data, torque.ctypes.data
+        mj_apply_ft(at.model, at.data, wrench[0], wrench[1], centres + 24 * b, b, out.ctypes.data)
+
+
+def kicks_of(
+    model: SimulatedModel, values: NDArray[np.float64], kinks: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return what gives `rate_forces` at rest the impulses of acting rates that jump.
+
+    values, kinks: Parameters, and the jumps of their rates, shape (N, parameters).
+    Returns ndarray: Shape (N, bodies * 15).
+    """
+    drift = model.writer.drift(values, kinks)
+    kicks = np.zeros_like(drift)  # a jump of d' is an impulse of d''
+    kicks[:, :, [1, 3]] = drift[:, :, [0, 2]]
+    return kicks.reshape(len(kicks), -1)
 
 
 class SimulatedModel:
@@ -239,11 +330,13 @@ class SimulatedModel:
     def course(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the rows that are written along a course of parameters, and which is written when.
 
-        values: Shape (N, parameters); where they stay, so does the row.
+        values: Shape (N, parameters), or with their rates behind them; where they stay, so does the
+            row.
         """
         changed = np.ones(len(values), dtype=np.bool_)
         changed[1:] = (values[1:] != values[:-1]).any(axis=1)
-        return np.ascontiguousarray(self.rows(values[changed])), np.cumsum(changed) - 1
+        parameters = values[changed][:, : len(self.plant.parameters)]
+        return np.ascontiguousarray(self.rows(parameters)), np.cumsum(changed) - 1
 
     def set_imperfections(self, imperfections: Imperfections) -> None:
         """Change passive physics and mass distribution to those of `imperfections` alone.
@@ -410,6 +503,11 @@ def _addresses(model: SimulatedModel, data: mujoco.MjData) -> Addresses:
         smooth=first(data.qacc_smooth),
         n=len(model.plant.coordinates),
         k=len(model.plant.inputs),
+        bodies=np.array(
+            [first(one) for one in (own.body_mass, data.xmat, data.ximat, data.xipos, data.cvel)]
+        ),
+        parents=own.body_parentid.astype(np.int64),
+        work=np.zeros(6 * own.nbody + 12),
         structures=model.writer.structures,
         targets=model.writer.addresses,
     )

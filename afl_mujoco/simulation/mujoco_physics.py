@@ -106,6 +106,8 @@ def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold:
             impulse=np.zeros((1, len(plant.coordinates))),
             split=np.array([-1.0]),
             joins=np.zeros(1, dtype=np.int64),
+            drift=np.zeros_like(profile.drift[:1]),
+            kicks=np.zeros_like(profile.kicks[:1]),
         )
         pairs: Any = zip(profile, last, strict=True)
         profile = Profile(*map(np.concatenate, pairs))

@@ -15,6 +15,7 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, compiled_force
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
@@ -36,6 +37,8 @@ from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     forward,
     impulse_jump,
+    kicks_of,
+    rate_forces,
     write_state,
 )
 from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
@@ -61,16 +64,20 @@ class Line(NamedTuple):
     course: NDArray[np.float64]
     length: float  # of the segment [s]
     push: NDArray[np.float64]  # disturbing forces along coordinates [N, N m], shape (n,)
-    stretch: float  # rate of the half-length that acts on the rod of a cart-pole [m/s]
+    # how bodies move in their frames along the segment, as the same; none where no rate acts, shape
+    # (bodies * 15, degrees)
+    drift: NDArray[np.float64]
 
 
 class Space(NamedTuple):
     """Work space of a right-hand side."""
 
     row: NDArray[np.float64]  # (targets,)
+    drift: NDArray[np.float64]  # (bodies * 15,)
     values: NDArray[np.float64]  # (parameters,)
     inputs: NDArray[np.float64]  # (k,)
     forces: NDArray[np.float64]  # (n,)
+    drag: NDArray[np.float64]  # (n,), those of rates
 
 
 DEGREES = (3, 5, 9, 17, 33)
@@ -79,46 +86,77 @@ DEGREES = (3, 5, 9, 17, 33)
 SMOOTH = 1e-14
 """Largest error of these, as a share of the largest number that is written in a place."""
 
+SMOOTH_DRIFT = 1e-11
+"""The same of how bodies move in their frames, which is known by differences."""
+
 
 def line_of(
     model: SimulatedModel, segment: Segment, change: ParameterChange = PAPERS_CHANGE
 ) -> Line:
     """Return the parameters of a segment as compiled code takes them."""
     values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
+    acting = acting_rates(model.plant, rates, change)
     push, beside = model.generalised(np.array([segment.push]))
     if beside.any():
         rule = "must name a coordinate in this mode: its input does not act on one joint"
         raise InvalidValueError("disturbance", rule)
     length = segment.end - segment.start
-    course = np.empty((len(model.addresses.targets), 0))
+    course, drift = np.empty((len(model.addresses.targets), 0)), np.empty((0, 0))
+    thing = f"write of plant {model.plant.name!r}"
     if rates.any():
-        course = _course(model, values, rates * length)
+        course = _course(thing, model.rows, values, rates * length, SMOOTH)
+    if acting.any():
+
+        def moving(p: NDArray[np.float64]) -> NDArray[np.float64]:
+            return model.writer.drift(p, np.tile(acting, (len(p), 1))).reshape(len(p), -1)
+
+        drift = _course(thing, moving, values, rates * length, SMOOTH_DRIFT)
     model.write(values)
-    stretch = segment.lines[2][1] if change.stretching else 0.0
-    return Line(segment.start, values, rates, course, length, push[0], stretch)
+    return Line(segment.start, values, rates, course, length, push[0], drift)
+
+
+def acting_rates(
+    plant: Plant, rates: NDArray[np.float64], change: ParameterChange = PAPERS_CHANGE
+) -> NDArray[np.float64]:
+    """Return the rates of parameters that act on the motion, 0 for the others."""
+    own = [one.rate == "enters" for one in plant.parameters.values()]
+    if change.stretching:  # the cart-pole's rod (D9)
+        own = [name == "half_length" for name in plant.parameters]
+    return np.where(own, rates, 0.0)
 
 
 def _course(
-    model: SimulatedModel, values: NDArray[np.float64], step: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return what is written between two sets of parameters, as Chebyshev polynomials.
+    thing: str, table: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    values: NDArray[np.float64], step: NDArray[np.float64], smooth: float,
+) -> NDArray[np.float64]:  # fmt: skip
+    """Return a table between two sets of parameters, as Chebyshev polynomials.
 
     step: From the first set to the second.
     """
     between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))
-    expected = model.rows(values + between[:, None] * step)
+    expected = table(values + between[:, None] * step)
     scale = np.abs(expected).max(axis=0) + np.finfo(float).tiny
     for count in DEGREES:
         nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-        rows = model.rows(values + 0.5 * (1.0 + nodes)[:, None] * step)
+        rows = table(values + 0.5 * (1.0 + nodes)[:, None] * step)
         cosines = np.cos(np.arange(count)[:, None] * np.arccos(nodes))
         found = 2.0 / count * cosines @ rows
         found[0] *= 0.5
         error = np.abs(np.polynomial.chebyshev.chebval(2.0 * between - 1.0, found).T - expected)
-        if (error <= SMOOTH * scale).all():
+        if (error <= smooth * scale).all():
             return np.ascontiguousarray(found.T)
     rule = "must be smooth in the parameters along a ramp, for this mode"
-    raise InvalidValueError(f"write of plant {model.plant.name!r}", rule)
+    raise InvalidValueError(thing, rule)
+
+
+@register_jitable
+def _evaluate(course, x, out):
+    """Write Chebyshev polynomials at x from -1 to 1, by Clenshaw's recurrence."""
+    for i in range(len(out)):
+        b1, b2 = 0.0, 0.0
+        for j in range(course.shape[1] - 1, 0, -1):
+            b1, b2 = course[i, j] + 2.0 * x * b1 - b2, b1
+        out[i] = course[i, 0] + x * b1 - b2
 
 
 @register_jitable
@@ -127,16 +165,13 @@ def _write_at(at, line, space, time):
     elapsed = time - line.start
     for i in range(len(line.values)):
         space.values[i] = line.values[i] + line.rates[i] * elapsed
-    degrees = line.course.shape[1]
-    if degrees == 0:  # the model has them since the start of the segment
+    if line.course.shape[1] == 0:  # the model has them since the start of the segment
         return
     x = 2.0 * elapsed / line.length - 1.0
-    for i in range(len(space.row)):  # Clenshaw's recurrence
-        b1, b2 = 0.0, 0.0
-        for j in range(degrees - 1, 0, -1):
-            b1, b2 = line.course[i, j] + 2.0 * x * b1 - b2, b1
-        space.row[i] = line.course[i, 0] + x * b1 - b2
+    _evaluate(line.course, x, space.row)
     write_row(at.structures, at.targets, space.row)
+    if len(line.drift) > 0:
+        _evaluate(line.drift, x, space.drift)
 
 
 @register_jitable
@@ -151,12 +186,10 @@ def _write_rates(at, line, space, state, rates):
     for i in range(n):
         space.forces[i] = line.push[i]
         rates[i] = state[n + i]
-    if line.stretch != 0.0:
-        # (D9): Coriolis force of the growing rod on the cart, and its torque about the hinge
-        phi, phi_dot, rate = state[1], state[3], line.stretch
-        mass, length = space.values[1], space.values[2]
-        space.forces[0] += 2.0 * mass * rate * phi_dot * np.cos(phi)
-        space.forces[1] = -8.0 / 3.0 * mass * length * rate * phi_dot
+    if len(line.drift) > 0:
+        rate_forces(at, space.drift, state, space.drag)
+        for i in range(n):
+            space.forces[i] += space.drag[i]
     forward(at, state, space.inputs, space.forces, rates[n:])
 
 
@@ -209,7 +242,7 @@ def step_segment(
 def work_space(model: SimulatedModel) -> Space:
     """Return the work space of a right-hand side."""
     at, parameters = model.addresses, len(model.plant.parameters)
-    sizes = (len(at.targets), parameters, at.k, at.n)
+    sizes = (len(at.targets), 15 * len(at.parents), parameters, at.k, at.n, at.n)
     return Space(*(np.zeros(size) for size in sizes))
 
 
@@ -278,15 +311,17 @@ def transition(
         if beside.any():
             rule = "must name a coordinate: this input does not act on one joint"
             raise InvalidValueError("impulse on an input", rule)
-        if before is not None and change.stretching:
-            kink = after.lines[2][1] - before.lines[2][1]
-            impulse[0, 0] += after.lines[1][0] * kink * float(np.sin(state[1]))
         joins = change.keeps_momenta or after.start in scenario.joins
         if before is not None and joins:
             model.write(before.values_at(before.end))
             kept = momenta(model, state)
             model.write(after.values_at(after.start))
             state[n : 2 * n] = velocities(model, state, kept)
+        if before is not None:
+            rates = np.array([[rate for _, rate in one.lines] for one in (before, after)])
+            kink = acting_rates(model.plant, rates[1] - rates[0], change)
+            if kink.any():
+                impulse[0] += kink_impulse(model, after.values_at(after.start), kink, state)
         if impulse.any():
             model.write(after.values_at(after.start))
             jump = np.empty(n)
@@ -296,6 +331,20 @@ def transition(
         return state
 
     return arrive
+
+
+def kink_impulse(
+    model: SimulatedModel,
+    values: NDArray[np.float64],
+    kink: NDArray[np.float64],
+    state: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the impulse on the coordinates where acting rates jump: momenta stay."""
+    model.write(values)
+    found, at_rest = np.empty(model.addresses.n), state[: 2 * model.addresses.n].copy()
+    at_rest[model.addresses.n :] = 0.0
+    rate_forces(model.addresses, kicks_of(model, values[None], kink[None])[0], at_rest, found)
+    return found
 
 
 def _at_rest_forces(model: SimulatedModel, state: NDArray[np.float64]) -> None:

@@ -22,6 +22,7 @@ from afl_mujoco.plant.dynamics import (
 )
 from afl_mujoco.plant.stretching_rod import stretching_accelerations
 from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
+from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import (
@@ -70,6 +71,7 @@ def simulate_ode(
     atol: float = ATOL,
     dynamics: str = QUASI_STATIC,
     jumps: str = VELOCITIES,
+    trees: Trees | None = None,
 ) -> Trajectory:
     """Simulate the equations of a plant, by default the paper's, restarted at every breakpoint.
 
@@ -88,6 +90,9 @@ def simulate_ode(
         ``"stretching-rod"``: the equations have the terms with the rate of l (decision D9).
     jumps
         What a step of M or l keeps: ``"velocities"``, as in the paper, or ``"momenta"``.
+    trees
+        The plant as a tree of bodies, for parameters whose rates enter: what
+        `afl_mujoco.simulate_ode` gives.
 
     Returns
     -------
@@ -109,6 +114,7 @@ def simulate_ode(
         rtol=rtol,
         atol=atol,
         change=change,
+        trees=trees,
     )
     settings = {"method": method, "rtol": rtol, "atol": atol, "sample_period": sample_period}
     settings |= change.describe()
@@ -125,6 +131,7 @@ def solve_ode(
     atol: float = ATOL,
     longest_step: float = MAX_STEP,
     change: ParameterChange | None = None,
+    trees: Trees | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
     """Return only the times [s], the states reached and the outcome of `simulate_ode`.
 
@@ -139,7 +146,7 @@ def solve_ode(
     )  # raises before the run if a gain is not positive
     criterion = criterion_of(scenario)
     if not scenario.is_cart_pole:
-        loop, arrive = plant_loop(scenario, controller, change)
+        loop, arrive = plant_loop(scenario, controller, change, trees)
     else:
         loop, arrive = closed_loop(scenario, controller, change), transition(scenario, change)
     if method != "DOP853" or controller.interpreted or not scenario.is_cart_pole:
@@ -268,13 +275,24 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
     return arrive
 
 
+Trees = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[Tree, Tree]]
+"""The tree of a plant with some parameters at rest, and as it moves under their rates."""
+
+
 def plant_loop(
-    scenario: Scenario, controller: Controller, change: ParameterChange
+    scenario: Scenario,
+    controller: Controller,
+    change: ParameterChange,
+    trees: Trees | None = None,
 ) -> tuple[Derivative, Transition]:
-    """Return the loop of any plant's own equations and its controller, called from Python."""
+    """Return the loop of any plant's own equations and its controller, called from Python.
+
+    Equations say nothing of the rates of parameters: where these act, a tree says what they do.
+    """
     plant = scenario.plant
     n, k = len(plant.coordinates), len(plant.inputs)
     require_equations(scenario, change)
+    enters = np.array([one.rate == "enters" for one in plant.parameters.values()])
     low, high = plant.limits.T
     equations = load_equations(plant, _points(scenario))
     size = n * (n + 1 + k) if plant.terms else n
@@ -296,23 +314,51 @@ def plant_loop(
         if plant.terms:
             mass, bias, inputs = split(plant, found[None])
             found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
+        acting = np.where(enters, [rate for _, rate in segment.lines], 0.0)
+        found = found + _drag(trees, p, acting, x)
         return np.concatenate([x[n:], found])
 
     def arrive(
         state: NDArray[np.float64], before: Segment | None, after: Segment
     ) -> NDArray[np.float64]:
         impulse, state = np.array(after.impulse), state.copy()
-        joins = before is not None and after.start in scenario.joins
-        if not (joins or impulse.any()):
-            return state
-        mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), after.values_at(after.start))
-        if joins and before is not None:  # M v stays, as M changes
-            old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
-            state[n:] = np.linalg.solve(mass[0], old[0] @ state[n:])
-        state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
+        p, joins = after.values_at(after.start), after.start in scenario.joins
+        if joins or impulse.any():
+            mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), p)
+            if joins and before is not None:  # M v stays, as M changes
+                old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
+                state[n:] = np.linalg.solve(mass[0], old[0] @ state[n:])
+            state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
+        if before is not None:
+            slopes = np.array([[rate for _, rate in one.lines] for one in (before, after)])
+            kink = np.where(enters, slopes[1] - slopes[0], 0.0)
+            state[n:] += _drag(trees, p, kink, state, kick=True)
         return state
 
     return derivative, arrive
+
+
+def _drag(
+    trees: Trees | None,
+    values: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    state: NDArray[np.float64],
+    *,
+    kick: bool = False,
+) -> Any:
+    """Return the change of the accelerations by rates that act, or of velocities by their jump."""
+    if not rates.any():
+        return 0.0
+    if trees is None:
+        raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
+    (still, moving), n = trees(values, rates), len(state) // 2
+    q, v = state[:n].copy(), state[n:].copy()
+    if kick:  # a jump of d' is an impulse of d'', which needs no velocity
+        drift = np.zeros_like(moving.drift)
+        drift[:, [1, 3]] = moving.drift[:, [0, 2]]
+        moving, v = moving._replace(drift=drift), 0.0 * v
+    without = terms_of(still, q, v)
+    return np.linalg.solve(without.mass, without.bias - terms_of(moving, q, v).bias)
 
 
 def require_equations(scenario: Scenario, change: ParameterChange | None = None) -> None:

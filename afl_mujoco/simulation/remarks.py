@@ -25,7 +25,6 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     return [
         *_of_controller(scenario, controller),
         *_beyond(scenario),
-        *_left_out(scenario),
         *_unreached(scenario),
         *_without_effect(scenario),
         *unit_remarks(scenario, run.control_period),
@@ -59,18 +58,6 @@ def _beyond(scenario: Scenario) -> list[str]:
         )
         if least < (one.low or 0.0) or most > (one.high or 0.0)
     ]
-
-
-def _left_out(scenario: Scenario) -> list[str]:
-    """Remark on what a plant says that a change of a parameter does, and a run leaves out."""
-    found = []
-    for (name, one), schedule in zip(
-        scenario.plant.parameters.items(), scenario.schedule.values(), strict=True
-    ):
-        times = [t for t in schedule.breakpoints if 0.0 < t < scenario.duration]
-        if one.rate == "enters" and any(schedule.piece(t)[1] for t in (0.0, *times)):
-            found.append(f"the rate of {name} does not act on the motion here, though it enters")
-    return found
 
 
 def _unreached(scenario: Scenario) -> list[str]:

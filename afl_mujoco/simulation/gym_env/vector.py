@@ -112,7 +112,8 @@ def _plant(i, many):
     a, s, e = many.at, many.sensors, many.episodes[i]
     at = Addresses(
         a.model[i], a.data[i], a.timestep[i], a.qpos[i], a.qvel[i], a.ctrl[i], a.applied[i],
-        a.qacc[i], a.smooth[i], a.n[i], a.k[i], a.structures[i], a.targets[i],
+        a.qacc[i], a.smooth[i], a.n[i], a.k[i], a.bodies[i], a.parents[i], a.work[i],
+        a.structures[i], a.targets[i],
     )  # fmt: skip
     sensors = Sensors(
         s.noisy[i], s.noise[i], s.step[i], s.differentiated[i], s.period[i], s.filter_share[i],
@@ -121,6 +122,7 @@ def _plant(i, many):
     profile = Profile(
         _floats(e[0], len(at.targets)), _whole_numbers(e[1]), _floats(e[2], at.n),
         _floats(e[3], at.k), _floats(e[4], at.n), _floats(e[5], 1)[:, 0], _whole_numbers(e[6]),
+        _floats(e[7], 15 * len(at.parents)), _floats(e[8], 15 * len(at.parents)),
     )  # fmt: skip
     return at, sensors, profile
 
@@ -140,7 +142,7 @@ def _step(part, begins, hold, timestep, many, commands):
             r.after[i], r.peak[i], r.iae[i], r.space[i],
         )  # fmt: skip
         e = many.episodes[i]
-        rows, which = _floats(e[7], len(at.targets)), _whole_numbers(e[8])
+        rows, which = _floats(e[9], len(at.targets)), _whole_numbers(e[10])
         if begins:
             mj_reset_data(at.model, at.data)
             write_state(at, many.truth[i])
@@ -150,14 +152,14 @@ def _step(part, begins, hold, timestep, many, commands):
         else:
             write_numbers(at.ctrl, commands[i])
             many.instants[i] = advance_held(
-                at, timestep, profile, rows, which, many.actuators[i], run, _floats(e[10], at.k),
+                at, timestep, profile, rows, which, many.actuators[i], run, _floats(e[12], at.k),
                 many.instants[i], hold,
             )  # fmt: skip
             read_numbers(at.ctrl, many.forces[i])
         read_state(at, many.truth[i])
         sense(at, sensors, run, many.instants[i] // hold)
         many.seen[i] = run.measured
-        shown = _floats(e[9], many.told.shape[1])
+        shown = _floats(e[11], many.told.shape[1])
         many.told[i] = shown[min(many.instants[i], len(shown) - 1)]
 
 
@@ -202,7 +204,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             sensors=_stacked([physics.episode.sensors for _ in each]),
             actuators=np.zeros((num_envs, k), ACTUATOR),
             runs=_stacked([new_run(n, k) for _ in each]),
-            episodes=np.zeros((num_envs, 11, 2), dtype=np.int64),
+            episodes=np.zeros((num_envs, 13, 2), dtype=np.int64),
             instants=np.zeros(num_envs, dtype=np.int64),
             truth=np.zeros((num_envs, 2 * n)),
             seen=np.zeros((num_envs, 2 * n)),

@@ -116,7 +116,7 @@ class RunState(NamedTuple):
     after: NDArray[np.float64]
     peak: NDArray[np.float64]  # largest deviations of the coordinates so far, shape (n,)
     iae: NDArray[np.float64]  # integrals of their magnitudes, shape (n,)
-    space: NDArray[np.float64]  # work space, shape (k + 2 n,)
+    space: NDArray[np.float64]  # work space, shape (k + 5 n,)
 
 
 class Sensors(NamedTuple):
@@ -182,7 +182,7 @@ def new_run(n: int = 2, k: int = 1) -> RunState:
         after=np.zeros(2 * n),
         peak=np.zeros(n),
         iae=np.zeros(n),
-        space=np.zeros(k + 2 * n),
+        space=np.zeros(k + 5 * n),
     )
 
 

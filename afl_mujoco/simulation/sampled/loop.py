@@ -27,6 +27,7 @@ from afl_mujoco.plants.library import (
 )
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,
+    rate_forces,
     read_numbers,
     read_state,
     write_numbers,
@@ -61,6 +62,11 @@ class Profile(NamedTuple):
     # the share of the step after which its jump acts, 0 at its start; -1 for none, shape (K,)
     split: NDArray[np.float64]
     joins: NDArray[np.int64]  # 1 where what is new at the start joins at rest, else 0, shape (K,)
+    # how bodies move in their frames under each of the rows, and the kicks where they are written,
+    # for `rate_forces`, shape (R, bodies * 15); none where no rate acts. In the place of the world,
+    # which does not move, the first number of a kick is the row of the instant, 0 for no kick
+    drift: NDArray[np.float64]
+    kicks: NDArray[np.float64]
 
 
 class Plan(NamedTuple):
@@ -89,7 +95,37 @@ def write_plant(at, profile, run, k):
         mj_solve_m(at.model, at.data, at.qvel, momenta, 1)
     else:
         write_row(at.structures, at.targets, profile.rows[row])
+    if len(profile.kicks) > 0 and run.marks.written >= 0 and profile.kicks[row, 0] > 0.0:
+        _kick(at, profile, run, profile.kicks[row])
+        write_row(at.structures, at.targets, profile.rows[row])
     run.marks.written = row
+
+
+@borrowing_kernel
+def _kick(at, profile, run, kicks):
+    """Change the rates where rates of parameters jump, with the parameters of that instant."""
+    write_row(at.structures, at.targets, profile.rows[int(kicks[0])])
+    state, impulse = run.space[at.k + 3 * at.n :], run.space[at.k + 2 * at.n :][: at.n]
+    read_state(at, run.after)
+    for j in range(at.n):
+        state[j], state[at.n + j] = run.after[j], 0.0
+    rate_forces(at, kicks, state, impulse)
+    write_state(at, run.after)
+    _strike(at, run, impulse)
+
+
+@borrowing_kernel
+def _strike(at, run, impulse):
+    """Change the rates by an impulse along the coordinates."""
+    n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :][: 2 * at.n]
+    read_numbers(at.ctrl, inputs)
+    read_numbers(at.applied, forces[:n])
+    # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
+    impulse_jump(at, impulse, forces[n:])
+    write_numbers(at.ctrl, inputs)
+    write_numbers(at.applied, forces[:n])
+    for j in range(n):
+        store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
 
 
 @borrowing_kernel
@@ -99,15 +135,7 @@ def apply_impulse(at, profile, run, k, inside):
     split = profile.split[i]
     if split < 0.0 or (split > 0.0) != inside:
         return
-    n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :]
-    read_numbers(at.ctrl, inputs)
-    read_numbers(at.applied, forces[:n])
-    # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
-    impulse_jump(at, profile.impulse[i], forces[n:])
-    write_numbers(at.ctrl, inputs)
-    write_numbers(at.applied, forces[:n])
-    for j in range(n):
-        store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
+    _strike(at, run, profile.impulse[i])
 
 
 @inlined_kernel
@@ -211,6 +239,31 @@ def _drive(at, plan, actuator, profile, run, pending, record, k, length):
         if profile.beside[row, i] != 0.0:
             store(at.ctrl + 8 * i, load(at.ctrl + 8 * i) + profile.beside[row, i])
     write_numbers(at.applied, profile.push[row])
+    if len(profile.drift) > 0:
+        _drift(at, profile, run, row, 0.5 * plan.timestep * length)
+
+
+@borrowing_kernel
+def _drift(at, profile, run, row, half):
+    """Add the forces of rates, as they are half a step on, held over the step like the others."""
+    drift, n = profile.drift[profile.which[row]], at.n
+    if not drift.any():
+        return
+    state, force = run.space[at.k + 3 * n :], run.space[at.k + 2 * n :][:n]
+    push = run.space[at.k :][:n]
+    read_numbers(at.applied, push)
+    read_state(at, run.before)
+    read_state(at, state)
+    for part in range(2):  # at the start, which says where half a step on is; then there
+        rate_forces(at, drift, state, force)
+        write_state(at, run.before)
+        for j in range(n):
+            store(at.applied + 8 * j, push[j] + force[j])
+        if part == 0:
+            mj_forward(at.model, at.data)
+            for j in range(n):
+                state[j] = run.before[j] + half * run.before[n + j]
+                state[n + j] = run.before[n + j] + half * load(at.qacc + 8 * j)
 
 
 @inlined_kernel

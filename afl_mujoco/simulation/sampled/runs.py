@@ -25,7 +25,7 @@ from afl_mujoco.scenario.sampling import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, kicks_of
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
@@ -200,7 +200,21 @@ def input_profile(
 
     times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
     """
-    rows, which = model.course(scenario.values(0.5 * (times[:-1] + times[1:])))
+    middles = 0.5 * (times[:-1] + times[1:])
+    values, rates = scenario.values(middles), scenario.acting_rates(middles)
+    rows, which = model.course(np.hstack([values, rates]))
+    drift = kicks = np.empty((0, 15 * len(model.addresses.parents)))
+    if rates.any():
+        first = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
+        kinks = np.diff(rates[first], axis=0, prepend=rates[:1])
+        drift = model.writer.drift(values[first], rates[first]).reshape(len(first), -1)
+        there = scenario.values(times[first])
+        kicks, bent = kicks_of(model, there, kinks), np.flatnonzero(kinks.any(axis=1))
+        kicks[bent, 0] = len(rows) + np.arange(len(bent))
+        if bent.size:
+            rows = np.vstack([rows, model.rows(there[bent])])
+            more = ((0, len(bent)), (0, 0))
+            drift, kicks = np.pad(drift, more), np.pad(kicks, more)
     held = held_disturbances(scenario, times)
     push, beside = model.generalised(held.push)
     impulse, at_site = model.generalised(held.impulse)
@@ -215,6 +229,8 @@ def input_profile(
         impulse=impulse,
         split=held.split,
         joins=_joins(scenario, times),
+        drift=drift,
+        kicks=kicks,
     )
 
 

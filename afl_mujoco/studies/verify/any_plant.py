@@ -21,7 +21,8 @@ from afl_mujoco.simulation.integrator import integrate, rk4_step, scipy_solver, 
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
-from afl_mujoco.simulation.ode import plant_loop, require_equations, simulate_ode
+from afl_mujoco.simulation.ode import plant_loop, require_equations
+from afl_mujoco.simulation.simulate import simulate_ode, trees_of
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
@@ -232,7 +233,7 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
 
     It restarts within segments: what happens at a breakpoint is compared as well.
     """
-    loop, arrive = plant_loop(scenario, controller, ParameterChange())
+    loop, arrive = plant_loop(scenario, controller, ParameterChange(), trees_of(scenario.plant))
     solver = scipy_solver(loop, controller=controller.name, criterion=criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
     marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))
@@ -261,7 +262,7 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
 def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     """Return the largest difference of a step of a sampled run from a textbook RK4 step.
 
-    It is relative to 1 + |x|. Steps are left out in which momenta or masses jump.
+    It is relative to 1 + |x|. Steps are left out in which momenta or masses jump, or rates act.
     """
     held = SimpleNamespace(assumed_values=lambda values: values)
     derivative, _ = plant_loop(scenario, held, ParameterChange())  # type: ignore[arg-type]
@@ -276,6 +277,9 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
     joined = np.searchsorted(middles, np.array(scenario.joins)) - 1
     jumped[joined[(joined >= 0) & (joined < len(jumped))]] = True
+    acts = scenario.acting_rates(middles)  # their forces are held over a step, and rates kicked
+    jumped |= acts.any(axis=1)
+    jumped[:-1] |= (np.diff(acts, axis=0) != 0.0).any(axis=1)
 
     def rates(segment: Segment, time: float, state: Floats, slopes: Floats) -> None:
         slopes[:] = derivative(time, state, segment)

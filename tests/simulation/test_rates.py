@@ -1,0 +1,177 @@
+"""Rates of parameters that act on the motion: against D9 by hand and a Lagrangian by SymPy."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import sympy as sp
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole_equations import plant as cart_pole
+from afl_mujoco.plants.tree import terms_of
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, rate_forces
+from afl_mujoco.simulation.simulate import trees_of
+
+XML = """<mujoco><worldbody><body name="cart"><joint name="z" type="slide" axis="1 0 0"/>
+    <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>
+    <body name="upper"><joint name="phi" axis="0 1 0"/>
+    <inertial pos="0 0 0.2" mass="0.7" diaginertia="0.1 0.1 0.1"/>
+    <body name="lower" pos="0 0 0.4" euler="0 30 0"><joint name="psi" axis="0 1 0"/>
+    <inertial pos="0.1 0 0.2" mass="0.3" diaginertia="0.1 0.1 0.1"/>
+    </body></body></body></worldbody>
+    <actuator><motor name="force" joint="z"/></actuator></mujoco>"""
+
+
+def write(p):
+    """A strut whose own centre, inertia and what it carries move with the square of a length."""
+    return {
+        "body upper": afl.rod(mass=0.7, length=p.reach, center=(0.0, 0.0, p.reach**2)),
+        "body lower pos 2": 2.0 * p.reach**2,
+        "body lower ipos": (0.1, 0.0, p.tip**2),
+        "body lower inertia": (p.tip, 0.5 * p.tip**3, p.tip),
+    }
+
+
+STRUT = afl.Plant(
+    name="strut", model=XML, coordinates=("z", "phi", "psi"), inputs=("force",), write=write,
+    parameters={
+        "reach": afl.Parameter(0.4, "m", low=0.2, high=0.8, rate="enters"),
+        "tip": afl.Parameter(0.3, "m", low=0.2, high=0.8, rate="enters"),
+    },
+)  # fmt: skip
+
+
+@cache
+def lagrangian():
+    """Return f and N of ``M q'' + h + f + N p'' = B u``, functions of (q, v, p, p')."""
+    t = sp.symbols("t")
+    q = [sp.Function(name)(t) for name in ("z", "phi", "psi")]
+    p = [sp.Function(name)(t) for name in ("reach", "tip")]
+    z, phi, psi = q
+    reach, tip = p
+    turn = phi + sp.pi / 6 + psi
+
+    def along(angle, x, height):
+        turned = (x * sp.cos(angle) + height * sp.sin(angle), height * sp.cos(angle))
+        return sp.Matrix([turned[0], turned[1] - x * sp.sin(angle)])
+
+    base = sp.Matrix([z, 0])
+    upper = base + along(phi, 0, reach**2)
+    lower = base + along(phi, 0, 2 * reach**2) + along(turn, sp.Rational(1, 10), tip**2)
+    half, m1, m2 = sp.Rational(1, 2), sp.Rational(7, 10), sp.Rational(3, 10)
+    energy = half * 2 * z.diff(t) ** 2
+    energy += half * m1 * upper.diff(t).dot(upper.diff(t))
+    energy += half * m2 * lower.diff(t).dot(lower.diff(t))
+    energy += half * m1 * reach**2 / 12 * phi.diff(t) ** 2
+    energy += half * tip**3 / 2 * turn.diff(t) ** 2
+    whole = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]
+    numbers = sp.symbols("q0:3 v0:3 p0:2 r0:2 s0:2 a0:3")
+    q0, v0, p0, r0, s0, a0 = (numbers[i:j] for i, j in
+                              ((0, 3), (3, 6), (6, 8), (8, 10), (10, 12), (12, 15)))  # fmt: skip
+    names = [*zip([x.diff(t, 2) for x in q], a0, strict=True)]
+    names += zip([x.diff(t, 2) for x in p], s0, strict=True)
+    names += [*zip([x.diff(t) for x in q], v0, strict=True)]
+    names += [*zip([x.diff(t) for x in p], r0, strict=True)]
+    names += [*zip(q, q0, strict=True), *zip(p, p0, strict=True)]
+    whole = sp.Matrix([x.doit().subs(names) for x in whole])
+    force = whole.subs(dict.fromkeys([*s0, *a0], 0))
+    force -= force.subs(dict.fromkeys(r0, 0))
+    given = (q0, v0, p0, r0)
+    return sp.lambdify(given, force), sp.lambdify(given, whole.jacobian(s0))
+
+
+def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tree() -> None:
+    rng, model, trees = np.random.default_rng(0), SimulatedModel(STRUT), trees_of(STRUT)
+    force, along = lagrangian()
+    for _ in range(20):
+        q, v, r = rng.uniform(-3, 3, 3), rng.uniform(-4, 4, 3), rng.uniform(-1, 1, 2)
+        p = rng.uniform(0.2, 0.8, 2)
+        expected = np.array(force(q, v, p, r), float)[:, 0]
+        still, moving = trees(p, r)
+        own = terms_of(moving, q, v).bias - terms_of(still, q, v).bias
+        np.testing.assert_allclose(own, expected, rtol=1e-10, atol=1e-10)
+        model.write(p)
+        drift, found = model.writer.drift(p[None], r[None])[0], np.empty(3)
+        rate_forces(model.addresses, drift.ravel(), np.concatenate([q, v]), found)
+        np.testing.assert_allclose(-found, expected, rtol=1e-10, atol=1e-10)
+        kick = np.zeros_like(drift)
+        kick[:, [1, 3]] = drift[:, [0, 2]]
+        rate_forces(model.addresses, kick.ravel(), np.concatenate([q, 0.0 * v]), found)
+        momenta = np.array(along(q, v, p, r), float) @ r
+        np.testing.assert_allclose(-found, momenta, rtol=1e-10, atol=1e-10)
+
+
+def stretching(rate: str) -> afl.Plant:
+    """The cart-pole whose rate of l enters, or not."""
+    own = replace(cart_pole.parameters["half_length"], rate=rate)
+    parameters = {**cart_pole.parameters, "half_length": own}
+    return replace(cart_pole, name="stretching", parameters=parameters, origin="")
+
+
+COURSE = {
+    "cart_mass": 2.0,
+    "half_length": afl.piecewise_linear([0.3, 1.1, 1.5, 1.9], [0.4, 0.9, 0.9, 0.5]),
+}
+START = {"phi": 0.3, "phi_dot": 0.5}
+
+
+def hold(time, state, belief):
+    return float(np.dot((11.0, -187.0, 22.0, -56.5), state))
+
+
+def scenario(plant: afl.Plant) -> afl.Scenario:
+    return afl.Scenario(name="s", plant=plant, duration=2.5, initial_state=START, schedule=COURSE)
+
+
+def test_a_rod_that_stretches_moves_as_d9_says() -> None:
+    paper = afl.Scenario(name="s", duration=2.5, initial_state=START, schedule=COURSE)
+    expected = afl.simulate_ode(paper, hold, dynamics="stretching-rod").state
+    frozen = afl.simulate_ode(paper, hold).state
+    assert np.abs(expected - frozen).max() > 0.1
+    own = scenario(stretching("enters"))
+    np.testing.assert_allclose(afl.simulate_ode(own, hold).state, expected, atol=1e-10)
+    for mode, away in (("exact", 1e-9), ("continuous", 1e-7)):
+        run = afl.simulate_mujoco(own, hold, mode=mode)
+        np.testing.assert_allclose(run.state, expected, atol=away)
+    same = afl.simulate_mujoco(scenario(stretching("frozen")), hold, mode="exact").state
+    np.testing.assert_allclose(same, frozen, atol=1e-9)
+
+
+def test_as_deployed_the_error_falls_with_the_square_of_the_step_kinks_included() -> None:
+    lengths = afl.piecewise_linear([0.1, 0.5, 0.6], [0.4, 0.6, 0.5])
+    own = afl.Scenario(
+        name="s", plant=STRUT, duration=1.0, schedule={"reach": lengths, "tip": lengths},
+        initial_state={"phi": 0.3, "psi": -0.2, "psi_dot": 1.0},
+    )  # fmt: skip
+    exact = afl.simulate_mujoco(own, lambda *_: 0.0, mode="exact").state[-1]
+    errors = [
+        np.abs(afl.simulate_mujoco(own, lambda *_: 0.0, timestep=h).state[-1] - exact).max()
+        for h in (2e-3, 1e-3, 5e-4)
+    ]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(orders, 2.0, atol=0.2)
+
+
+def test_environments_step_as_the_run_does() -> None:
+    own = scenario(stretching("enters"))
+    run = afl.simulate_mujoco(own, hold, control_period=0.01)
+    env = afl.load(own, control_period=0.01)
+    step = env.reset()
+    for k in range(200):
+        np.testing.assert_array_equal(env.physics.true_state(), run.state[10 * k])
+        step = env.step(np.array([hold(0.0, run.state[10 * k], None)]))
+    assert step.reward is not None
+
+
+def test_a_mass_does_not_change_with_a_parameter_whose_rate_enters() -> None:
+    heavy = replace(cart_pole.parameters["cart_mass"], rate="enters")
+    plant = replace(cart_pole, parameters={**cart_pole.parameters, "cart_mass": heavy}, origin="")
+    ramp = {"cart_mass": afl.piecewise_linear([0.0, 1.0], [1.0, 2.0])}
+    own = afl.Scenario(name="s", plant=plant, duration=1.0, schedule=ramp)
+    for mode in ("sampled", "exact"):
+        with pytest.raises(InvalidValueError, match="body cart mass must not change with a param"):
+            afl.simulate_mujoco(own, hold, mode=mode)
