@@ -85,12 +85,16 @@ class Refinement:
 
 
 def studied(scenario: Scenario) -> Scenario:
-    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s.
+
+    What is required later than that goes.
+    """
     last = max((*scenario.breakpoints, 1.5))
     duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
     if duration >= scenario.duration:
         return scenario
-    return replace(scenario, duration=float(duration))
+    asked = replace(scenario.requirements, settling_time=None, recover_within=None)
+    return replace(scenario, duration=float(duration), requirements=asked)
 
 
 def difference(run: Trajectory, reference: Trajectory) -> float:

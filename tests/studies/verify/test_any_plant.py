@@ -153,3 +153,10 @@ def test_the_command_writes_what_it_can_read(tmp_path: Path) -> None:
     assert {"report.html", "report.json", "junit.xml"} <= {
         x.name for x in (tmp_path / "out").iterdir()
     }
+
+
+def test_what_is_required_late_does_not_stop_a_study_of_an_early_part() -> None:
+    asked = Requirements(settling_time=0.4, recover_within=3.0)
+    scenario = scenario_of(PENDULA, duration=4.0, requirements=asked, disturbances=(
+        ForcePulse(force=1.0, start=0.5, duration=0.1),))  # fmt: skip
+    assert run(Request([scenario], [LQR], Settings())).failed_checks == []
