@@ -135,7 +135,7 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
     sizes = {name: abs(value) for name, value in signed.items()}
     signed["residual"] = 2.0 * signed["total"] - sum(signed.values()) + signed["residual"]
     return ErrorBudget(
-        **place, **sizes, at_worst=AtWorst(state="phi_dot", time=0.005, **signed)
+        **place, **sizes, at_worst=AtWorst(state="phi_dot", unit="rad/s", time=0.005, **signed)
     )  # fmt: skip
 
 

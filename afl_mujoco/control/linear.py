@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -78,6 +78,7 @@ class LinearFeedback(Controller):
     most: tuple[float, ...]  # of the inputs; 0 for that of holding the plant
     grids: Mapping[int, tuple[float, float]]  # first node and spacing of parameters with ramps
     known: dict[bytes, Floats]  # designs by parameters, shared by runs
+    rows: dict[bytes, Floats] = field(default_factory=dict, repr=False)  # of `command`
     belief: None = None
 
     @property
@@ -149,8 +150,13 @@ class LinearFeedback(Controller):
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the inputs at a state and assumed parameters, shape (k,)."""
-        rest = [*self.target, *([0.0] * len(self.target))]
-        row = np.concatenate([self._at(np.asarray(assumed)), rest])
+        given = np.asarray(assumed)
+        if (row := self.rows.get(key := given.tobytes())) is None:
+            rest = [*self.target, *([0.0] * len(self.target))]
+            row = np.concatenate([self._at(given), rest])
+            if len(self.rows) >= MOST_KNOWN:
+                self.rows.clear()
+            self.rows[key] = row
         found = np.empty(len(self.plant.inputs))
         force_from_inputs(AFFINE, np.array(state, dtype=np.float64), row, found)
         return found

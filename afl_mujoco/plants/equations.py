@@ -86,7 +86,7 @@ class Equations:
 def split(plant: Plant, rows: Floats) -> tuple[Floats, Floats, Floats]:
     """Return M (K, n, n), h (K, n) and B (K, n, k) of what equations in terms give."""
     n = len(plant.coordinates)
-    mass, bias, inputs = np.split(rows, [n * n, n * n + n], axis=1)
+    mass, bias, inputs = rows[:, : n * n], rows[:, n * n : n * n + n], rows[:, n * n + n :]
     return mass.reshape(-1, n, n), bias, inputs.reshape(len(rows), n, len(plant.inputs))
 
 

@@ -353,7 +353,7 @@ class Plant:
         given = (f"{name}={tuple(getattr(self, name))}" for name in names)
         return f"Plant(name={self.name!r}, {', '.join(given)})"
 
-    @property
+    @cached_property
     def states(self) -> tuple[str, ...]:
         """Names of the state: the coordinates, then their rates."""
         return (*self.coordinates, *(f"{name}_dot" for name in self.coordinates))

@@ -9,7 +9,7 @@ is checked before.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -290,7 +290,8 @@ class PlantModel:
         if not moving.size:
             return found
         step, p, rates = step[moving, None], parameters[moving], rates[moving]
-        rows = np.array([self.rows(p + k * step * rates) for k in range(-2, 3)])
+        near = np.concatenate([p + k * step * rates for k in range(-2, 3)])
+        rows = self.rows(near).reshape(5, len(p), -1)
         first = np.tensordot(FIRST, rows, 1) / step
         second = np.tensordot(SECOND, rows, 1) / step**2
         second[np.abs(second) * step**2 <= ROUNDING * np.abs(rows).max(axis=0)] = 0.0
@@ -485,6 +486,7 @@ def _table(field: str, array: Any) -> Any:
     return array.reshape(1 if field == "gravity" else len(array), -1)
 
 
+@lru_cache(maxsize=1024)
 def _parsed(key: Any) -> tuple[Target, int]:
     """Return the first target of a key of ``write``, and how many numbers it takes."""
     words = key.split() if isinstance(key, str) else []

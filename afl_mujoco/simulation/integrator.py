@@ -325,8 +325,8 @@ the run ended if it did before the segment's end."""
 RTOL = 1e-12
 ATOL = 1e-14
 SHORTER = 5e-3
-"""Longest step of SciPy's integrator [s]: what it reports between its steps is of lower order, and
-in longer ones off by up to 1e-9 where a loop has a pole near -300/s."""
+"""Longest step of the loops of any plant [s]: the dense output of longer ones is off by up to 1e-9
+where a loop has a pole near -300/s."""
 
 MAX_STEP = 0.02
 """Longest step [s]: bounds the error of the dense output, which the error control does not see."""
@@ -438,8 +438,9 @@ def scipy_solver(
     *,
     controller: str,
     criterion: Criterion,
+    longest: float = MAX_STEP,
 ) -> Solver:
-    """Return SciPy's integrator of a right-hand side in Python."""
+    """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
     require_tolerances(method, rtol, atol)
 
     def solve(
@@ -456,7 +457,7 @@ def scipy_solver(
             t_eval=times,
             rtol=rtol,
             atol=atol,
-            max_step=SHORTER,
+            max_step=longest,
             events=_events(criterion, 2 * len(criterion.target)),
         )
         samples = np.reshape(solution.y, (len(state), -1)).T

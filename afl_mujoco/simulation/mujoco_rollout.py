@@ -23,7 +23,9 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
+    MAX_STEP,
     RTOL,
+    SHORTER,
     Derivative,
     Solver,
     Transition,
@@ -259,7 +261,8 @@ def solver(
         loop = closed_loop(model, controller, change)
         if mode == "continuous":
             return python_rk4(loop, criterion)
-        return scipy_solver(loop, controller=controller.name, criterion=criterion)
+        longest = MAX_STEP if scenario.is_cart_pole else SHORTER
+        return scipy_solver(loop, controller=controller.name, criterion=criterion, longest=longest)
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),
         controller.assumed_parameters(*[np.nan] * 4),

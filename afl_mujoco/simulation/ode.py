@@ -38,6 +38,7 @@ from afl_mujoco.simulation.integrator import (
     ATOL,
     MAX_STEP,
     RTOL,
+    SHORTER,
     Derivative,
     Transition,
     along_z,
@@ -151,7 +152,13 @@ def solve_ode(
         loop, arrive = closed_loop(scenario, controller, change), transition(scenario, change)
     if method != "DOP853" or controller.interpreted or not scenario.is_cart_pole:
         solver = scipy_solver(
-            loop, method, rtol, atol, controller=controller.name, criterion=criterion
+            loop,
+            method,
+            rtol,
+            atol,
+            controller=controller.name,
+            criterion=criterion,
+            longest=MAX_STEP if scenario.is_cart_pole else SHORTER,
         )
     else:
         require_tolerances(method, rtol, atol)
@@ -308,14 +315,15 @@ def plant_loop(
         if not (np.abs(u) < STATE_LIMIT).all():
             return np.full(2 * n, np.nan)
         push = np.array(segment.push)
-        u = np.clip(u, low, high) + push[:k]
+        u = np.minimum(np.maximum(u, low), high) + push[:k]
         found = np.empty(size)
         equations.fill(x[:n], x[n:], u, p, found)
         if plant.terms:
             mass, bias, inputs = split(plant, found[None])
             found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
-        acting = np.where(enters, [rate for _, rate in segment.lines], 0.0)
-        found = found + _drag(trees, p, acting, x)
+        if enters.any():
+            acting = np.where(enters, [rate for _, rate in segment.lines], 0.0)
+            found = found + _drag(trees, p, acting, x)
         return np.concatenate([x[n:], found])
 
     def arrive(

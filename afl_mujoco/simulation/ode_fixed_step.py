@@ -6,9 +6,11 @@ the disturbances. So the error of each can be separated from that of the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -23,9 +25,9 @@ from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.sampling import cut_period, held_disturbances, step_times, time_grid
-from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import along_z, rk4_step, segment_numbers, work_space
-from afl_mujoco.simulation.ode import compiled_command, plant_at, write_rates
+from afl_mujoco.simulation.ode import compiled_command, plant_at, plant_loop, write_rates
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FELL,
@@ -160,8 +162,10 @@ def _run(
     times: The grid over whose steps parameters and disturbances are held [s].
     hold: For how many of these the force is held; 0 for one that is evaluated in every stage.
     """
-    numbers, told, impulse = _numbers(scenario, fine, holds, times)
     controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
+    if not scenario.is_cart_pole:
+        return _run_plant(scenario, controller, fine, holds, times, hold)
+    numbers, told, impulse = _numbers(scenario, fine, holds, times)
     count = len(impulse)
     ticks = _starts(fine, times)[:-1:hold] if hold else np.arange(count)
     states, forces, work = np.empty((count + 1, 4)), np.zeros(count + 1), work_space(4)
@@ -195,8 +199,105 @@ def _run(
         compiled = tuple(controller.compiled_for(scenario.plants))
         run = _run_held if hold else _run_followed
         last, status = run(update, assumed, compiled, *profile)
+    return _ended(states, forces[:, None], fine, last, status)
+
+
+class _Steps:
+    """The segments of a fine grid of any plant: as they are, and as the plant holds them."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        fine: NDArray[np.float64],
+        holds: Holds,
+        times: NDArray[np.float64],
+    ) -> None:
+        self.segments, self.starts = scenario.segments, _starts(fine, times)
+        first = np.array([segment.start for segment in self.segments])
+        self.of = np.searchsorted(first, fine[:-1], side="right") - 1
+        step = np.searchsorted(self.starts, np.arange(len(fine) - 1), side="right") - 1
+        self.step = np.minimum(step, len(self.starts) - 2)
+        held = scenario.values(0.5 * (times[:-1] + times[1:]))
+        self.values = held if holds.schedule else None
+        self.push = held_disturbances(scenario, times).push if holds.disturbance else None
+
+    def true(self, k: int) -> Segment:
+        """Return the segment in which a step lies."""
+        found: Segment = self.segments[self.of[k]]
+        return found
+
+    def acting(self, k: int) -> Segment:
+        """Return it with what is held."""
+        found, step = self.true(k), self.step[k]
+        if self.values is not None:
+            found = replace(found, lines=tuple((x, 0.0) for x in self.values[step].tolist()))
+        if self.push is not None:
+            found = replace(found, push=tuple(self.push[step].tolist()))
+        return found
+
+
+def _run_plant(
+    scenario: Scenario,
+    controller: Controller,
+    fine: NDArray[np.float64],
+    holds: Holds,
+    times: NDArray[np.float64],
+    hold: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
+    """Do the same for any plant by its own equations, called from Python."""
+    own, limits, count = controller.start(), criterion_of(scenario), len(fine) - 1
+    law: Any = SimpleNamespace(assumed_values=lambda values: values)
+    derivative, arrive = plant_loop(scenario, law, _PAPER)
+    steps = _Steps(scenario, fine, holds, times)
+    ticks = {*steps.starts[:-1:hold].tolist()} if hold else set()
+    forces = np.zeros((count + 1, len(scenario.plant.inputs)))
+    states = np.empty((count + 1, len(scenario.initial_state)))
+    states[0] = arrive(np.array(scenario.initial_state), None, steps.true(0))
+    work = work_space(states.shape[1])
+
+    def rates(segment: Segment, time: float, state: Any, slopes: Any) -> None:
+        slopes[:] = derivative(time, state, segment)
+
+    def follow(time: float, state: Any, _: Any) -> Any:
+        return own.command(time, state, own.assumed_values(law.now.values_at(time)))
+
+    for k in range(count):
+        law.now, law.command = steps.true(k), follow
+        forces[k] = forces[max(k - 1, 0)]
+        if not hold or k in ticks:
+            forces[k] = follow(float(fine[k]), states[k], None)
+        if hold:
+            law.command = partial(_kept, forces[k])
+        forces[k + 1], step = forces[k], float(fine[k + 1] - fine[k])
+        if (np.abs(forces[k]) < STATE_LIMIT).all():
+            rk4_step(rates, steps.acting(k), float(fine[k]), step, states[k], work, states[k + 1])
+        else:
+            states[k + 1] = np.nan
+        if not within_limits(states[k + 1]):
+            return _ended(states, forces, fine, k, ending_of(limits, states[k]))
+        if k + 1 < count and steps.of[k + 1] != steps.of[k]:
+            states[k + 1] = arrive(states[k + 1], law.now, steps.true(k + 1))
+        if has_ended(limits, states[k + 1]):
+            return _ended(states, forces, fine, k + 1, _FELL)
+    return _ended(states, forces, fine, count, _COMPLETED)
+
+
+def _kept(force: NDArray[np.float64], *_: Any) -> NDArray[np.float64]:
+    """Return inputs that are held."""
+    return force
+
+
+def _ended(
+    states: NDArray[np.float64],
+    forces: NDArray[np.float64],
+    fine: NDArray[np.float64],
+    last: int,
+    status: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
+    """Return what a run reached."""
+    kept = forces[: last + 1]
     outcome = Outcome(OUTCOMES[status], float(fine[last]))
-    return states[: last + 1], forces[: last + 1], outcome
+    return states[: last + 1], kept[:, 0] if kept.shape[1] == 1 else kept, outcome
 
 
 def _numbers(

@@ -186,6 +186,15 @@ class Result:
                 raise ValueError(f"curves must hold {'/'.join(case)}, a run's")
         if {scenario.name for scenario in self.scenarios} != {name for name, _ in simulated}:
             raise ValueError("scenarios must be those of the runs")
+        self._require_states()
+
+    def _require_states(self) -> None:
+        """Raise if a budget is of no state of its plant."""
+        states = {one.name: one.plant.states for one in self.scenarios}
+        for budget in self.error_budgets:
+            known = states.get(budget.scenario, ())
+            if (state := budget.at_worst.state) not in known:
+                raise ValueError(f"state must be one of {', '.join(known)}, got {state!r}")
 
     @property
     def of_paper(self) -> bool:

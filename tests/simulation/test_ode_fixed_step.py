@@ -12,6 +12,7 @@ from afl_mujoco import (
     Scenario,
     StateFeedback,
     acceleration,
+    piecewise_linear,
     simulate_ode,
     simulate_ode_held,
     simulate_ode_rk4,
@@ -21,7 +22,8 @@ from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plant.dynamics import velocity_jump
-from afl_mujoco.scenario.disturbances import Impulse
+from afl_mujoco.plants.cartpole_equations import plant as cart_pole
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
 STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -164,3 +166,31 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
         assert str(run.outcome) == "diverged at t = 0.02 s"
         np.testing.assert_allclose(run.force, -1e3 * run.state[:, 0], rtol=1e-15)
         assert len(run.force) == 2
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
+    """The cart-pole as a plant of equations, called from Python, is the compiled cart-pole."""
+    lqr = CONTROLLERS["lqr"]
+
+    def control(time, state, belief):
+        values = (belief.cart_mass, belief.pole_mass, belief.half_length, belief.gravity)
+        return lqr.command(time, state, np.array(values))
+
+    what = {
+        "duration": 1.5,
+        "initial_state": {"phi": 0.2},
+        "schedule": {
+            "cart_mass": staircase((0.5,), (1.0, 1.7)),
+            "half_length": piecewise_linear((0.2, 0.9033), (0.5, 0.7)),
+        },
+        "disturbances": (ForcePulse(force=2.0, start=0.3007, duration=0.2),),
+    }
+    mine = PythonController(name="mine", function=control)
+    settings = {"timestep": 5e-3, "substeps": 2}
+    settings |= {"control_period": 0.01} if held else {"holds": Holds()}
+    expected = simulate_ode_held(Scenario(name="s", **what), lqr, **settings)
+    own = replace(mine, plant=cart_pole)
+    found = simulate_ode_held(Scenario(name="s", plant=cart_pole, **what), own, **settings)
+    np.testing.assert_allclose(found.state, expected.state, rtol=0.0, atol=1e-11)
+    np.testing.assert_allclose(found.force, expected.force, rtol=0.0, atol=1e-9)

@@ -180,7 +180,7 @@ def test_the_claims_stand_with_both_numbers_in_their_unit_and_the_verdict() -> N
 
 def test_the_budget_is_of_the_worst_run_and_adds_up() -> None:
     rows = {row[0].text: row for row in matrix(make_result(), "as deployed minus the equations")}
-    assert rows["force held"][1].text.startswith("−1.4×10⁻²")
+    assert rows["inputs held"][1].text.startswith("−1.4×10⁻²")
     assert rows["total"][2].text == "1.4×10⁻²"
 
 

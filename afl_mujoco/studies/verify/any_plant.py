@@ -17,11 +17,18 @@ from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.sampling import held_disturbances, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation.integrator import integrate, rk4_step, scipy_solver, work_space
+from afl_mujoco.simulation.integrator import (
+    SHORTER,
+    integrate,
+    rk4_step,
+    scipy_solver,
+    work_space,
+)
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import plant_loop, require_equations
+from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import simulate_ode, trees_of
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
@@ -37,7 +44,13 @@ from afl_mujoco.studies.verify.convergence import (
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
-from afl_mujoco.studies.verify.explanation import Explanation, Growth, Judged
+from afl_mujoco.studies.verify.explanation import (
+    Explanation,
+    Growth,
+    Judged,
+    budget_curves,
+    error_budget,
+)
 
 Floats = NDArray[np.float64]
 
@@ -185,6 +198,13 @@ def judge(case: Case) -> Judged:
             names = {"scenario": scenario.name, "controller": controller.name}
             studies = (Refinement.of(hold, study="sampled", expected=1.0, **names),)
             values["B4f"] = studies[0].deviation
+    budget = None
+    if settings.full and growth is not None and not _rates_act(ideal):
+        step = sampled.provenance["settings"]["timestep"]
+        twin = simulate_ode_held(ideal, loop, timestep=step, control_period=period, substeps=2)
+        whole = {name: runs[name] for name in ("ode", "mujoco exact", DEPLOYED)}
+        if curves := budget_curves(ideal, loop, {**whole, "ode held": twin}, substeps=1):
+            budget = error_budget(ideal, loop, sampled.time, curves)
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))
@@ -192,9 +212,15 @@ def judge(case: Case) -> Judged:
         judged(values, scenario.name, controller.name),
         reported_runs(ideal, loop, runs),
         run_of(scenario, controller, deployed),
-        Explanation(studies=studies, growth=growth),
+        Explanation(studies=studies, growth=growth, budget=budget),
         None,
     )
+
+
+def _rates_act(scenario: Scenario) -> bool:
+    """Return whether rates of parameters act, which the held equations leave out."""
+    middles = [0.5 * (segment.start + segment.end) for segment in scenario.segments]
+    return bool(scenario.acting_rates(np.array(middles)).any())
 
 
 def _differ(one: Trajectory, other: Trajectory) -> bool:
@@ -234,7 +260,9 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
     It restarts within segments: what happens at a breakpoint is compared as well.
     """
     loop, arrive = plant_loop(scenario, controller, ParameterChange(), trees_of(scenario.plant))
-    solver = scipy_solver(loop, controller=controller.name, criterion=criterion_of(scenario))
+    solver = scipy_solver(
+        loop, controller=controller.name, criterion=criterion_of(scenario), longest=SHORTER
+    )
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
     marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))
 

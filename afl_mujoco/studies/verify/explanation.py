@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plant.energy import linear_momentum, total_energy
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import (
     MOMENTA,
@@ -53,8 +52,8 @@ SUBSTEPS = 4
 """RK4 steps in each held step of the parts: their errors cancel in the differences."""
 
 SOURCES: Mapping[str, str] = {
-    "control_hold": "force held",
-    "schedule_sampling": "M, l frozen over a step",
+    "control_hold": "inputs held",
+    "schedule_sampling": "parameters frozen over a step",
     "disturbance_timing": "disturbance moved to the steps",
     "integrator": "MuJoCo's integrator",
     "model_form": "model form",
@@ -80,12 +79,8 @@ class AtWorst(Parts):
     """The signed difference where it is largest: there the parts and the residual add up to it."""
 
     state: str  # its name
+    unit: str
     time: float  # [s]
-
-    def __post_init__(self) -> None:
-        """Raise if there is no such state."""
-        if self.state not in (known := CART_POLE.states):
-            raise ValueError(f"state must be one of {', '.join(known)}, got {self.state!r}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,9 +98,12 @@ class ErrorBudget(Parts):
 
 
 def budget_curves(
-    scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
+    scenario: Scenario,
+    controller: Controller,
+    runs: Mapping[str, Trajectory],
+    substeps: int = SUBSTEPS,
 ) -> dict[str, NDArray[np.float64]]:
-    """Return total, parts and residual as curves, shape (N, 4) each, at each step."""
+    """Return total, parts and residual as curves, shape (N, states) each, at each step."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return {}
     settings = runs["mujoco sampled"].provenance["settings"]
@@ -114,16 +112,17 @@ def budget_curves(
 
     def part(holds: Holds) -> NDArray[np.float64] | None:
         run = simulate_ode_held(
-            scenario, controller, timestep=timestep, holds=holds, substeps=SUBSTEPS
+            scenario, controller, timestep=timestep, holds=holds, substeps=substeps
         )
         return _at(run, grid)
 
     curves = {name: _at(run, grid) for name, run in runs.items()}
     followed = part(Holds())
+    changes = any(schedule.breakpoints for schedule in scenario.schedule.values())
     held = {
         "control_hold": part(Holds(control_period=period)),
-        "schedule_sampling": part(Holds(schedule=True)),
-        "disturbance_timing": part(Holds(disturbance=True)),
+        "schedule_sampling": part(Holds(schedule=True)) if changes else followed,
+        "disturbance_timing": part(Holds(disturbance=True)) if scenario.disturbances else followed,
     }
     if any(curve is None for curve in (followed, *curves.values(), *held.values())):
         return {}
@@ -145,10 +144,11 @@ def error_budget(
     """Return the budget of curves at some instants [s]."""
     row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
     signed = {name: float(curve[row, column]) for name, curve in curves.items()}
+    state, units = scenario.plant.states[column], scenario.plant.units
     return ErrorBudget(
         scenario=scenario.name,
         controller=controller.name,
-        at_worst=AtWorst(state=scenario.plant.states[column], time=float(times[row]), **signed),
+        at_worst=AtWorst(state=state, unit=units[state], time=float(times[row]), **signed),
         **{name: float(np.abs(curve).max()) for name, curve in curves.items()},
     )
 

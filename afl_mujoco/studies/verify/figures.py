@@ -24,7 +24,7 @@ from afl_mujoco.report.style import (
     in_words,
     new_figure,
 )
-from afl_mujoco.scenario.parameters import STATE, symbol
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.cases import DEPLOYED
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, Comparison, kind
@@ -131,7 +131,7 @@ def _draw_waterfall(axis: Axes, budget: ErrorBudget) -> None:
     axis.set_yticks(range(rows + 1), [*(words for words, _, _ in PARTS.values()), "total"])
     axis.invert_yaxis()
     axis.grid(axis="y", visible=False)
-    axis.set_xlabel(f"MuJoCo as deployed - ODE, {symbol(at.state)} [{STATE[at.state]}]")
+    axis.set_xlabel(f"MuJoCo as deployed - ODE, {symbol(at.state)} [{at.unit}]")
     axis.set_title(f"{_name(budget)}, t = {at.time:g} s")
 
 

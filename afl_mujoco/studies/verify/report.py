@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import fixed, interval, limit, percent, scientific, short
-from afl_mujoco.scenario.parameters import STATE, symbol
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
@@ -262,7 +262,7 @@ def _budget(result: Result) -> Section:
         [
             Matrix(
                 caption=f"{worst.scenario}, {worst.controller}: as deployed minus the equations, "
-                f"{symbol(at.state)} [{STATE[at.state]}] at {short(at.time)} s",
+                f"{symbol(at.state)} [{at.unit}] at {short(at.time)} s",
                 columns=("Source", "There", "Largest in any run"),
                 rows=[
                     (

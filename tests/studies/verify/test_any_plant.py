@@ -160,3 +160,20 @@ def test_what_is_required_late_does_not_stop_a_study_of_an_early_part() -> None:
     scenario = scenario_of(PENDULA, duration=4.0, requirements=asked, disturbances=(
         ForcePulse(force=1.0, start=0.5, duration=0.1),))  # fmt: skip
     assert run(Request([scenario], [LQR], Settings())).failed_checks == []
+
+
+def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: Path) -> None:
+    load = {"load": afl.staircase((0.5015,), (0.02, 0.3))}
+    scenario = scenario_of(QUADROTOR, duration=1.0, schedule=load, disturbances=(
+        ForcePulse(force=1.0, start=0.2, duration=0.1037, coordinate="x"),))  # fmt: skip
+    found = run(Request([scenario], [LQR], Settings(full=True)))
+    (budget,) = found.error_budgets
+    at = budget.at_worst
+    parts = (at.model_form, at.integrator, at.control_hold, at.schedule_sampling)
+    assert sum(parts) + at.disturbance_timing + at.residual == pytest.approx(at.total)
+    assert budget.residual_share < 0.05 < budget.control_hold / budget.total
+    assert min(budget.schedule_sampling, budget.disturbance_timing) > 1e-6 > budget.model_form
+    assert at.unit == scenario.plant.units[at.state]
+    assert "not explained" in str(report(found).blocks)
+    acting = scenario_of(QUADROTOR, duration=1.0, disturbances=())
+    assert not run(Request([acting], [LQR], Settings(full=True))).error_budgets
