@@ -71,7 +71,7 @@ the fourth degree, to 1e-10 for others that are as smooth."""
 FIRST, SECOND = np.array([1, -8, 0, 8, -1]) / 12.0, np.array([-1, 16, -30, 16, -1]) / 12.0
 """Differences of five values at unit steps."""
 
-ROUNDING = 1e-13  # of what is written, within which a second difference, or that of a mass, is 0
+ROUNDING = 1e-13  # of what is written, within which a difference is 0
 
 DRIFTS = {"body_pos": 0, "body_ipos": 2, "body_inertia": 4}
 """Fields whose derivatives move a body in its frame, and where they stand."""
@@ -294,11 +294,13 @@ class PlantModel:
         rows = self.rows(near).reshape(5, len(p), -1)
         first = np.tensordot(FIRST, rows, 1) / step
         second = np.tensordot(SECOND, rows, 1) / step**2
-        second[np.abs(second) * step**2 <= ROUNDING * np.abs(rows).max(axis=0)] = 0.0
+        rounding = ROUNDING * np.abs(rows).max(axis=0)
+        first[np.abs(first) * step <= rounding] = 0.0
+        second[np.abs(second) * step**2 <= rounding] = 0.0
         for (field, i, k), target, x, y in zip(
             self._places, self.targets, first.T, second.T, strict=True
         ):
-            if field == "body_mass" and (np.abs(x) > ROUNDING).any():
+            if field == "body_mass" and x.any():
                 rule = "must not change with a parameter whose rate enters: a mass has a jump"
                 raise InvalidValueError(f"write: {target}", rule)
             if (place := DRIFTS.get(field)) is not None:

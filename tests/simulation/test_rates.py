@@ -113,7 +113,7 @@ def stretching(rate: str) -> afl.Plant:
 
 
 COURSE = {
-    "cart_mass": 2.0,
+    "cart_mass": afl.piecewise_linear([0.3, 0.9], [2.0, 1.5]),
     "half_length": afl.piecewise_linear([0.3, 1.1, 1.5, 1.9], [0.4, 0.9, 0.9, 0.5]),
 }
 START = {"phi": 0.3, "phi_dot": 0.5}
