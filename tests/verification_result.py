@@ -181,9 +181,8 @@ def make_curves(
         scenario=scenario.name,
         controller=controller,
         time=time,
-        cart_mass=scenario.cart_mass(time),
-        half_length=scenario.half_length(time),
-        push=scenario.pushes(time).sum(axis=1),
+        parameters={n: scenario.schedule[n](time) for n in ("cart_mass", "half_length")},
+        push=scenario.pushes(time),
         states=states,
         forces={name: force[: len(x)] for name, x in states.items()},
     )

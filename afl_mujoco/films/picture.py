@@ -23,10 +23,11 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame
-from afl_mujoco.films.replay import Replay, labelled
+from afl_mujoco.films.replay import Replay
 from afl_mujoco.films.scene import GHOST, open_scene
 from afl_mujoco.films.standpoint import Standpoint
 from afl_mujoco.report.style import colours
+from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
 
 Picture = NDArray[np.uint8]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
@@ -184,11 +184,6 @@ def _ideal(scenario: Scenario, controller: Controller, deployment: Deployment) -
     if informed.interpreted:
         return simulate_ode_held(scenario.ideal, informed, timestep=h, control_period=period)
     return simulate_ode(scenario.ideal, informed, sample_period=h)
-
-
-def labelled(name: str, unit: str) -> str:
-    """Return a name with its unit, if it has one."""
-    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
 
 
 def _at(run: Trajectory, times: NDArray[np.float64]) -> NDArray[np.float64]:

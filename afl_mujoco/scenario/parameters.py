@@ -31,6 +31,11 @@ def symbol(name: str) -> str:
     return f"{_GREEK.get(whole, whole)}{prime}"
 
 
+def labelled(name: str, unit: str) -> str:
+    """Return a name as a report writes it with its unit, if it has one."""
+    return f"{symbol(name)} [{unit}]" if unit else symbol(name)
+
+
 INPUTS = MappingProxyType({"force": "N"})
 """The inputs and their units."""
 

@@ -147,7 +147,7 @@ class Result:
     growths
         Of another plant: how far the codes are apart over a whole run, which is not judged.
     curves
-        Every case over time, by ``scenario/controller``; of the cart-pole only.
+        Every case over time, by ``scenario/controller``, where the plant has equations.
     """
 
     verdict: Literal["pass", "fail"]

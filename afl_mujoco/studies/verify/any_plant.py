@@ -31,7 +31,7 @@ from afl_mujoco.simulation.ode import plant_loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import simulate_ode, trees_of
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
+from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
 from afl_mujoco.studies.run import run_of
@@ -44,6 +44,7 @@ from afl_mujoco.studies.verify.convergence import (
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+from afl_mujoco.studies.verify.curves import select_curves
 from afl_mujoco.studies.verify.explanation import (
     Explanation,
     Growth,
@@ -205,6 +206,7 @@ def judge(case: Case) -> Judged:
         whole = {name: runs[name] for name in ("ode", "mujoco exact", DEPLOYED)}
         if curves := budget_curves(ideal, loop, {**whole, "ode held": twin}, substeps=1):
             budget = error_budget(ideal, loop, sampled.time, curves)
+    shown = {name: runs[name] for name in REPORTED if name in runs}
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))
@@ -213,7 +215,7 @@ def judge(case: Case) -> Judged:
         reported_runs(ideal, loop, runs),
         run_of(scenario, controller, deployed),
         Explanation(studies=studies, growth=growth, budget=budget),
-        None,
+        select_curves(ideal, controller.name, shown, h) if scenario.plant.has_equations else None,
     )
 
 

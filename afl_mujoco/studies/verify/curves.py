@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.scenario.sampling import step_times
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.integrator import along_z
@@ -27,8 +28,6 @@ DENSE = 0.1
 SPARSE = 0.02
 """Spacing of the instants elsewhere [s]."""
 
-PRESCRIBED = ("cart_mass", "half_length", "push")
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Curves:
@@ -40,21 +39,23 @@ class Curves:
     scenario: str
     controller: str
     time: Array  # [s], shape (N,), increasing: multiples of the timestep
-    cart_mass: Array  # M [kg], l [m] and the disturbing force [N]; at a jump, after it
-    half_length: Array
-    push: Array
-    states: Mapping[str, Array]  # by simulator, shape (K, 4)
-    forces: Mapping[str, Array]  # of the controller [N] by simulator, shape (K,)
+    # what changes of the plant, by name, and the disturbances of each channel; at a jump, after it
+    parameters: Mapping[str, Array]
+    push: Array  # shape (N, channels)
+    states: Mapping[str, Array]  # by simulator, shape (K, 2 n)
+    forces: Mapping[str, Array]  # of the controller by simulator, shape (K,), of k inputs (K, k)
 
     def __post_init__(self) -> None:
         """Check the shapes."""
         count = len(self.time)
-        for name in PRESCRIBED:
-            _require_shape(name, getattr(self, name), (count,))
+        for name, values in self.parameters.items():
+            _require_shape(name, values, (count,))
+        _require_shape("push", self.push, (count, *self.push.shape[1:]))
         for name, state in self.states.items():
-            reached = min(len(state), count)
-            _require_shape(f"states/{name}", state, (reached, 4))
-            _require_shape(f"forces/{name}", self.forces.get(name), (reached,))
+            reached, force = min(len(state), count), self.forces.get(name)
+            _require_shape(f"states/{name}", state, (reached, *state.shape[1:]))
+            several = () if force is None else force.shape[1:]
+            _require_shape(f"forces/{name}", force, (reached, *several))
         if not len(self.states.get(REFERENCE, ())):
             raise InvalidValueError("curve states", f"must hold a run of {REFERENCE!r}")
 
@@ -79,7 +80,7 @@ def select_curves(
     grid = step_times(scenario.duration, timestep)
     rows = {name: _rows(run, grid) for name, run in runs.items()}
     states = {name: run.state[rows[name]] for name, run in runs.items()}
-    forces = {name: run.force[rows[name]] for name, run in runs.items()}
+    forces = {name: run.input[rows[name]] for name, run in runs.items()}
     kept = _regular(scenario, grid, timestep)
     for name, state in states.items():
         kept[len(state) - 1] = True
@@ -91,12 +92,18 @@ def select_curves(
         scenario=scenario.name,
         controller=controller,
         time=time,
-        cart_mass=scenario.cart_mass(time),
-        half_length=scenario.half_length(time),
-        push=np.array([along_z(one) for one in scenario.pushes(time)]),
+        parameters={name: scenario.schedule[name](time) for name in drawn_parameters(scenario)},
+        push=scenario.pushes(time),
         states={name: state[kept[: len(state)]] for name, state in states.items()},
         forces={name: force[kept[: len(force)]] for name, force in forces.items()},
     )
+
+
+def drawn_parameters(scenario: Scenario) -> list[str]:
+    """Return the parameters that change; of the cart-pole those that may."""
+    if scenario.is_cart_pole:
+        return list(SCHEDULES)
+    return [name for name, one in scenario.schedule.items() if one.breakpoints]
 
 
 def _rows(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -146,10 +153,12 @@ def chart_data(curves: Sequence[Curves], scenario: Scenario) -> dict[str, Any]:
     """
     time = np.unique(np.concatenate([one.time for one in curves]))
     first = curves[0]
+    push = np.array([along_z(one) for one in first.push])
+    prescribed = {**first.parameters, "push": push}
     return {
         "time": encode(time),
         "prescribed": {
-            name: encode(_spread(time, first.time, getattr(first, name))) for name in PRESCRIBED
+            name: encode(_spread(time, first.time, values)) for name, values in prescribed.items()
         },
         "runs": [_run(time, one) for one in curves],
         "shortcuts": shortcuts(scenario),

@@ -340,7 +340,7 @@ class Judged(NamedTuple):
     runs: tuple[Run, ...]
     row: Row
     explanation: Explanation
-    curves: Curves | None  # of the cart-pole only
+    curves: Curves | None  # None for a plant without equations
 
 
 def explain(

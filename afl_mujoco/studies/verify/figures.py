@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.figures import Panel, curves
 from afl_mujoco.report.style import (
     BLACK,
@@ -24,14 +25,12 @@ from afl_mujoco.report.style import (
     in_words,
     new_figure,
 )
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.cases import DEPLOYED
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, Comparison, kind
 from afl_mujoco.studies.verify.curves import REFERENCE, Curves
 from afl_mujoco.studies.verify.explanation import SOURCES, ErrorBudget
-
-PANELS = (("z [m]", 0), ("φ [rad]", 1), ("F [N]", None))
 
 PARTS: Mapping[str, tuple[str, str, str]] = {
     **{
@@ -67,25 +66,43 @@ _LONGEST = 88
 
 
 def draw_runs(scenario: Scenario, runs: Sequence[Curves]) -> Figure:
-    """Draw z, phi, F under each controller as deployed, the ODE over them, and M(t) and l(t)."""
+    """Draw coordinates and inputs under each controller as deployed, the ODE dashed over them.
+
+    Below them what changes of the plant.
+    """
+    plant, first = scenario.plant, runs[0]
+    signals = [*plant.coordinates, *plant.inputs]
     panels = [
         Panel(
-            label=label,
-            curves={one.controller: _signal(one, DEPLOYED, column) for one in runs},
-            over={one.controller: _signal(one, REFERENCE, column) for one in runs},
+            label=_label(scenario, name),
+            curves={one.controller: _signal(plant, one, DEPLOYED, name) for one in runs},
+            over={one.controller: _signal(plant, one, REFERENCE, name) for one in runs},
         )
-        for label, column in PANELS
+        for name in signals
     ]
-    first = runs[0]
-    plant = {"M [kg]": (first.time, first.cart_mass), "l [m]": (first.time, first.half_length)}
+    changes = {_label(scenario, name): (first.time, x) for name, x in first.parameters.items()}
     pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
-    panels.append(Panel(label="plant", curves=plant, black=True))
+    panels += [Panel(label="plant", curves=changes, black=True)] if changes else []
     return curves(panels, scenario.duration, shaded=pushes)
 
 
-def _signal(one: Curves, run: str, column: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return the instants [s] and values of a state, or of the force, in a simulator."""
-    values = one.forces[run] if column is None else one.states[run][:, column]
+PAPERS = {"cart_mass": "M", "half_length": "l", "force": "F"}
+"""What the paper calls them."""
+
+
+def _label(scenario: Scenario, name: str) -> str:
+    """Return a name and its unit."""
+    own = PAPERS.get(name, name) if scenario.is_cart_pole else name
+    return labelled(own, scenario.plant.units[name])
+
+
+def _signal(plant: Plant, one: Curves, run: str, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the instants [s] and values of a state or an input in a simulator."""
+    if name in plant.inputs:
+        every = one.forces[run].reshape(len(one.forces[run]), -1)
+        values = every[:, [*plant.inputs].index(name)]
+    else:
+        values = one.states[run][:, plant.states.index(name)]
     return one.time[: len(values)], values
 
 

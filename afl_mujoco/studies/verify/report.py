@@ -370,7 +370,7 @@ def _scenario(result: Result, scenario: Scenario, drawn: bool) -> Section:
     runs = [run for run in result.runs if run.scenario == scenario.name]
     blocks: list[Block] = [
         facts,
-        *([_chart(result, scenario, number)] if result.curves else []),
+        *([_chart(result, scenario, number)] if result.curves and result.of_paper else []),
         *([_runs_figure(result, scenario)] if drawn and result.curves else []),
         metrics_matrix(
             {f"{run.controller}, {run.simulator}": [run.metrics] for run in runs},

@@ -15,6 +15,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.report.blocks import figures_of
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.arrays import packed, unpacked
@@ -175,5 +176,8 @@ def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: 
     assert min(budget.schedule_sampling, budget.disturbance_timing) > 1e-6 > budget.model_form
     assert at.unit == scenario.plant.units[at.state]
     assert "not explained" in str(report(found).blocks)
+    drawn = figures_of(report(found).blocks)[0].draw()
+    labels = ["x [m]", "z [m]", "pitch [rad]", "cable [rad]", "left", "right", "plant"]
+    assert [axis.get_ylabel() for axis in drawn.axes] == labels
     acting = scenario_of(QUADROTOR, duration=1.0, disturbances=())
     assert not run(Request([acting], [LQR], Settings(full=True))).error_budgets

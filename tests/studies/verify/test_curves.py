@@ -79,7 +79,7 @@ def test_a_run_that_fell_has_the_instants_that_it_reached(runs: dict[str, Trajec
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"cart_mass": np.ones(3)}, "cart_mass"), ({"forces": {}}, "forces/")],
+    [({"parameters": {"cart_mass": np.ones(3)}}, "cart_mass"), ({"forces": {}}, "forces/")],
     ids=["input", "forces"],
 )
 def test_arrays_that_do_not_belong_together_are_refused(

@@ -66,6 +66,7 @@ def test_the_budget_names_the_held_control_as_the_largest_source(explained):
 
 def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(explained):
     worst = dataclasses.asdict(explained.budget.at_worst)
+    assert worst.pop("unit") == "rad/s"
     assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
     total = worst.pop("total")
     assert abs(total) == explained.budget.total
