@@ -180,7 +180,7 @@ def _crossed(a, b, factor, out):
 
 
 @kernel
-def rate_forces(at, drift, state, out):
+def rate_forces(at, drift, state, kick, out):
     """Write the generalised forces by which rates of parameters act on the motion, shape (n,).
 
     Each body needs a force m r'' beside that of a plant whose parameters stay, for what its centre
@@ -188,8 +188,10 @@ def rate_forces(at, drift, state, out):
     a torque I' w; -J' of these is what acts. They are computed by MuJoCo's own kinematics.
 
     drift: What `PlantModel.drift` returns, flat, shape (bodies * 15,).
+    kick: Whether it is of a jump of the rates, which is an impulse of d''; the state is at rest.
     """
     write_state(at, state)
+    jump = 3 if kick else 0
     mj_kinematics(at.model, at.data)
     mj_com_pos(at.model, at.data)
     mj_com_vel(at.model, at.data)
@@ -211,13 +213,13 @@ def rate_forces(at, drift, state, out):
         held[:] = force[:] = torque[:] = turn[:] = 0.0
         _turned(frames + 72 * up, parts[:3], held)
         _crossed(carrier, held, 2.0, needed)
-        _turned(frames + 72 * up, parts[3:6], needed)
+        _turned(frames + 72 * up, parts[3 - jump : 6 - jump], needed)
         held[:] = 0.0
         for i in range(3):
             force[i] = needed[i]
         _turned(frames + 72 * b, parts[6:9], held)
         _crossed(spin, held, 2.0, force)
-        _turned(frames + 72 * b, parts[9:12], force)
+        _turned(frames + 72 * b, parts[9 - jump : 12 - jump], force)
         for i in range(3):  # I' w, along the axes of the inertia
             for j in range(3):
                 turn[i] -= load(axes + 72 * b + 8 * (3 * j + i)) * spin[j] * parts[12 + i]
@@ -227,18 +229,22 @@ def rate_forces(at, drift, state, out):
         mj_apply_ft(at.model, at.data, wrench[0], wrench[1], centres + 24 * b, b, out.ctypes.data)
 
 
-def kicks_of(
-    model: SimulatedModel, values: NDArray[np.float64], kinks: NDArray[np.float64]
+def carried_momenta(
+    model: SimulatedModel,
+    values: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    state: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return what gives `rate_forces` at rest the impulses of acting rates that jump.
+    """Return the momenta that rates of parameters give a plant at rest, N p', shape (n,).
 
-    values, kinks: Parameters, and the jumps of their rates, shape (N, parameters).
-    Returns ndarray: Shape (N, bodies * 15).
+    The parameters are written into the model.
     """
-    drift = model.writer.drift(values, kinks)
-    kicks = np.zeros_like(drift)  # a jump of d' is an impulse of d''
-    kicks[:, :, [1, 3]] = drift[:, :, [0, 2]]
-    return kicks.reshape(len(kicks), -1)
+    model.write(values)
+    n = model.addresses.n
+    found, at_rest = np.empty(n), np.concatenate([state[:n], np.zeros(n)])
+    drift = model.writer.drift(values[None], rates[None]).ravel()
+    rate_forces(model.addresses, drift, at_rest, True, found)
+    return -found
 
 
 class SimulatedModel:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,9 +37,9 @@ from afl_mujoco.simulation.integrator import (
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
+    carried_momenta,
     forward,
     impulse_jump,
-    kicks_of,
     rate_forces,
     write_state,
 )
@@ -189,7 +189,7 @@ def _write_rates(at, line, space, state, rates):
         space.forces[i] = line.push[i]
         rates[i] = state[n + i]
     if len(line.drift) > 0:
-        rate_forces(at, space.drift, state, space.drag)
+        rate_forces(at, space.drift, state, False, space.drag)
         for i in range(n):
             space.forces[i] += space.drag[i]
     forward(at, state, space.inputs, space.forces, rates[n:])
@@ -314,17 +314,20 @@ def transition(
         if beside.any():
             rule = "must name a coordinate: this input does not act on one joint"
             raise InvalidValueError("impulse on an input", rule)
-        joins = change.keeps_momenta or after.start in scenario.joins
-        if before is not None and joins:
-            model.write(before.values_at(before.end))
-            kept = momenta(model, state)
-            model.write(after.values_at(after.start))
-            state[n : 2 * n] = velocities(model, state, kept)
         if before is not None:
-            rates = np.array([[rate for _, rate in one.lines] for one in (before, after)])
-            kink = acting_rates(model.plant, rates[1] - rates[0], change)
-            if kink.any():
-                impulse[0] += kink_impulse(model, after.values_at(after.start), kink, state)
+            ends = before.values_at(before.end), after.values_at(after.start)
+            rates = [
+                acting_rates(model.plant, np.array([rate for _, rate in one.lines]), change)
+                for one in (before, after)
+            ]
+            if change.keeps_momenta or after.start in scenario.joins:
+                kept = _carried(model, ends, rates, state)
+                model.write(ends[0])
+                kept += momenta(model, state)
+                model.write(ends[1])
+                state[n : 2 * n] = velocities(model, state, kept)
+            elif (rates[1] != rates[0]).any():
+                impulse[0] -= carried_momenta(model, ends[1], rates[1] - rates[0], state)
         if impulse.any():
             model.write(after.values_at(after.start))
             jump = np.empty(n)
@@ -336,18 +339,18 @@ def transition(
     return arrive
 
 
-def kink_impulse(
+def _carried(
     model: SimulatedModel,
-    values: NDArray[np.float64],
-    kink: NDArray[np.float64],
+    values: Sequence[NDArray[np.float64]],
+    rates: Sequence[NDArray[np.float64]],
     state: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the impulse on the coordinates where acting rates jump: momenta stay."""
-    model.write(values)
-    found, at_rest = np.empty(model.addresses.n), state[: 2 * model.addresses.n].copy()
-    at_rest[model.addresses.n :] = 0.0
-    rate_forces(model.addresses, kicks_of(model, values[None], kink[None])[0], at_rest, found)
-    return found
+) -> Any:
+    """Return by how much the momenta that rates give fall where parameters jump."""
+    before, after = (
+        carried_momenta(model, p, rate, state) if rate.any() else 0.0
+        for p, rate in zip(values, rates, strict=True)
+    )
+    return before - after
 
 
 def _at_rest_forces(model: SimulatedModel, state: NDArray[np.float64]) -> None:

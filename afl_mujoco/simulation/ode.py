@@ -323,7 +323,8 @@ def plant_loop(
             found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
         if enters.any():
             acting = np.where(enters, [rate for _, rate in segment.lines], 0.0)
-            found = found + _drag(trees, p, acting, x)
+            needed, inertia = _needed(trees, p, acting, x)
+            found = found - np.linalg.solve(inertia, needed)
         return np.concatenate([x[n:], found])
 
     def arrive(
@@ -331,42 +332,49 @@ def plant_loop(
     ) -> NDArray[np.float64]:
         impulse, state = np.array(after.impulse), state.copy()
         p, joins = after.values_at(after.start), after.start in scenario.joins
+        rates = [
+            np.where(enters, [rate for _, rate in one.lines], 0.0)
+            for one in (before or after, after)
+        ]
         if joins or impulse.any():
             mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), p)
-            if joins and before is not None:  # M v stays, as M changes
+            if joins and before is not None:  # M v + N p' stays, as M changes
                 old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
-                state[n:] = np.linalg.solve(mass[0], old[0] @ state[n:])
+                kept = old[0] @ state[n:]
+                kept += _needed(trees, before.values_at(before.end), rates[0], state, kick=True)[0]
+                kept -= _needed(trees, p, rates[1], state, kick=True)[0]
+                state[n:] = np.linalg.solve(mass[0], kept)
             state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
-        if before is not None:
-            slopes = np.array([[rate for _, rate in one.lines] for one in (before, after)])
-            kink = np.where(enters, slopes[1] - slopes[0], 0.0)
-            state[n:] += _drag(trees, p, kink, state, kick=True)
+        if not joins and (kink := rates[1] - rates[0]).any():
+            needed, inertia = _needed(trees, p, kink, state, kick=True)
+            state[n:] -= np.linalg.solve(inertia, needed)
         return state
 
     return derivative, arrive
 
 
-def _drag(
+def _needed(
     trees: Trees | None,
     values: NDArray[np.float64],
     rates: NDArray[np.float64],
     state: NDArray[np.float64],
     *,
     kick: bool = False,
-) -> Any:
-    """Return the change of the accelerations by rates that act, or of velocities by their jump."""
+) -> tuple[Any, NDArray[np.float64]]:
+    """Return the forces that rates need, or their momenta at rest, and the mass matrix."""
+    n = len(state) // 2
     if not rates.any():
-        return 0.0
+        return np.zeros(n), np.eye(n)
     if trees is None:
         raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
-    (still, moving), n = trees(values, rates), len(state) // 2
+    still, moving = trees(values, rates)
     q, v = state[:n].copy(), state[n:].copy()
     if kick:  # a jump of d' is an impulse of d'', which needs no velocity
         drift = np.zeros_like(moving.drift)
         drift[:, [1, 3]] = moving.drift[:, [0, 2]]
         moving, v = moving._replace(drift=drift), 0.0 * v
     without = terms_of(still, q, v)
-    return np.linalg.solve(without.mass, without.bias - terms_of(moving, q, v).bias)
+    return terms_of(moving, q, v).bias - without.bias, without.mass
 
 
 def require_equations(scenario: Scenario, change: ParameterChange | None = None) -> None:

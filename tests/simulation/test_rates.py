@@ -96,11 +96,9 @@ def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tr
         np.testing.assert_allclose(own, expected, rtol=1e-10, atol=1e-10)
         model.write(p)
         drift, found = model.writer.drift(p[None], r[None])[0], np.empty(3)
-        rate_forces(model.addresses, drift.ravel(), np.concatenate([q, v]), found)
+        rate_forces(model.addresses, drift.ravel(), np.concatenate([q, v]), False, found)
         np.testing.assert_allclose(-found, expected, rtol=1e-10, atol=1e-10)
-        kick = np.zeros_like(drift)
-        kick[:, [1, 3]] = drift[:, [0, 2]]
-        rate_forces(model.addresses, kick.ravel(), np.concatenate([q, 0.0 * v]), found)
+        rate_forces(model.addresses, drift.ravel(), np.concatenate([q, 0.0 * v]), True, found)
         momenta = np.array(along(q, v, p, r), float) @ r
         np.testing.assert_allclose(-found, momenta, rtol=1e-10, atol=1e-10)
 
@@ -175,3 +173,65 @@ def test_a_mass_does_not_change_with_a_parameter_whose_rate_enters() -> None:
     for mode in ("sampled", "exact"):
         with pytest.raises(InvalidValueError, match="body cart mass must not change with a param"):
             afl.simulate_mujoco(own, hold, mode=mode)
+
+
+CRANE = afl.Plant(
+    name="crane",
+    model="""<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
+        <inertial pos="0 0 0" mass="20" diaginertia="1 1 1"/>
+        <body name="load"><joint name="swing" axis="0 -1 0"/>
+        <inertial pos="0 0 -2" mass="3" diaginertia="1e-6 1e-6 1e-6"/></body></body></worldbody>
+        <actuator><motor name="drive" joint="x"/></actuator></mujoco>""",
+    coordinates=("x", "swing"), inputs=("drive",),
+    write=lambda p: {"body load ipos 2": -p.length, "body load mass": p.load},
+    parameters={
+        "load": afl.Parameter(3.0, "kg", low=0.0, high=2e3, jump="momenta"),
+        "length": afl.Parameter(2.0, "m", low=0.1, high=5.0, rate="enters"),
+    },
+    terms=lambda q, v, p: (
+        ((20.0 + p.load, p.load * p.length * np.cos(q[1])),
+         (p.load * p.length * np.cos(q[1]), p.load * p.length**2 + 1e-6)),
+        (-p.load * p.length * np.sin(q[1]) * v[1] ** 2, 9.81 * p.load * p.length * np.sin(q[1])),
+        ((1.0,), (0.0,)),
+    ),
+)  # fmt: skip
+
+
+def crane(load) -> afl.Scenario:
+    hoist = afl.piecewise_linear([0.2, 0.8, 1.0], [2.0, 1.4, 1.5])
+    return afl.Scenario(
+        name="hoist", plant=CRANE, duration=1.2, schedule={"load": load, "length": hoist},
+        initial_state={"swing": 0.5, "swing_dot": 0.4},
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("at", [0.5, 0.8])
+def test_a_load_that_joins_at_rest_keeps_the_momenta_of_a_cable_that_is_reeled_in(at) -> None:
+    scenario = crane(afl.staircase([at], [3.0, 8.0]))
+    exact = afl.simulate_mujoco(scenario, lambda *_: 0.0, mode="exact", timestep=1e-3)
+
+    def momenta(k: int, load: float, rate: float) -> np.ndarray:
+        (_, swing, x_dot, swing_dot), length = exact.state[k], exact.parameters["length"][k]
+        along = length * swing_dot + x_dot * np.cos(swing)
+        across = length * np.cos(swing) * swing_dot + rate * np.sin(swing)
+        return np.array([20.0 * x_dot + load * (x_dot + across), load * length * along])
+
+    k = round(at * 1e3)
+    after, before = momenta(k, 8.0, -1.0 if at < 0.8 else 0.5), momenta(k - 1, 3.0, -1.0)
+    np.testing.assert_allclose(after, before, atol=0.05)
+    assert 5.0 * abs(np.sin(exact.state[k, 1])) > 0.5  # what the rate carries of a load that joins
+    ode = afl.simulate_ode(scenario, lambda *_: 0.0, sample_period=1e-3)
+    np.testing.assert_allclose(ode.state, exact.state, atol=1e-9)
+    errors = [
+        np.abs(afl.simulate_mujoco(scenario, lambda *_: 0.0, timestep=h).state[-1] - ode.state[-1])
+        for h in (1e-3, 5e-4)
+    ]
+    assert errors[1].max() < 0.6 * errors[0].max() < 1e-2
+
+
+def test_a_heavy_load_is_hoisted_like_a_light_one() -> None:
+    scenario = crane(1234.5)
+    exact = afl.simulate_mujoco(scenario, lambda *_: 0.0, mode="exact", timestep=1e-3)
+    ode = afl.simulate_ode(scenario, lambda *_: 0.0, sample_period=1e-3)
+    np.testing.assert_allclose(ode.state, exact.state, rtol=1e-8, atol=1e-8)
+    afl.simulate_mujoco(scenario, lambda *_: 0.0)

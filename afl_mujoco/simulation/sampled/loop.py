@@ -86,11 +86,13 @@ def write_plant(at, profile, run, k):
     row = profile.which[i]
     if row == run.marks.written:
         return
-    if profile.joins[i] and run.marks.written >= 0:  # M v stays, as M changes
+    if profile.joins[i] and run.marks.written >= 0:  # M v + N p' stays, as M changes
         momenta = run.space.ctypes.data
         mj_forward(at.model, at.data)
         mj_mul_m(at.model, at.data, momenta, at.qvel)
+        _carry(at, profile, run, run.marks.written, -1.0)
         write_row(at.structures, at.targets, profile.rows[row])
+        _carry(at, profile, run, row, 1.0)
         mj_forward(at.model, at.data)
         mj_solve_m(at.model, at.data, at.qvel, momenta, 1)
     else:
@@ -102,6 +104,21 @@ def write_plant(at, profile, run, k):
 
 
 @borrowing_kernel
+def _carry(at, profile, run, row, sign):
+    """Add what the rates of a row carry, -N p', to the momenta in the work space, with a sign."""
+    if len(profile.drift) == 0 or not profile.drift[row].any():
+        return
+    state, carried = run.space[at.k + 3 * at.n :], run.space[at.k + 2 * at.n :][: at.n]
+    read_state(at, run.after)
+    for j in range(at.n):
+        state[j], state[at.n + j] = run.after[j], 0.0
+    rate_forces(at, profile.drift[row], state, True, carried)
+    write_state(at, run.after)
+    for j in range(at.n):
+        run.space[j] += sign * carried[j]
+
+
+@borrowing_kernel
 def _kick(at, profile, run, kicks):
     """Change the rates where rates of parameters jump, with the parameters of that instant."""
     write_row(at.structures, at.targets, profile.rows[int(kicks[0])])
@@ -109,7 +126,7 @@ def _kick(at, profile, run, kicks):
     read_state(at, run.after)
     for j in range(at.n):
         state[j], state[at.n + j] = run.after[j], 0.0
-    rate_forces(at, kicks, state, impulse)
+    rate_forces(at, kicks, state, True, impulse)
     write_state(at, run.after)
     _strike(at, run, impulse)
 
@@ -255,7 +272,7 @@ def _drift(at, profile, run, row, half):
     read_state(at, run.before)
     read_state(at, state)
     for part in range(2):  # at the start, which says where half a step on is; then there
-        rate_forces(at, drift, state, force)
+        rate_forces(at, drift, state, False, force)
         write_state(at, run.before)
         for j in range(n):
             store(at.applied + 8 * j, push[j] + force[j])

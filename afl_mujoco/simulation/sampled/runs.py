@@ -25,7 +25,7 @@ from afl_mujoco.scenario.sampling import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.mujoco_model import SimulatedModel, kicks_of
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
@@ -209,7 +209,8 @@ def input_profile(
         kinks = np.diff(rates[first], axis=0, prepend=rates[:1])
         drift = model.writer.drift(values[first], rates[first]).reshape(len(first), -1)
         there = scenario.values(times[first])
-        kicks, bent = kicks_of(model, there, kinks), np.flatnonzero(kinks.any(axis=1))
+        kicks = model.writer.drift(there, kinks).reshape(len(first), -1)
+        bent = np.flatnonzero(kinks.any(axis=1) & (_joins(scenario, times)[first] == 0))
         kicks[bent, 0] = len(rows) + np.arange(len(bent))
         if bent.size:
             rows = np.vstack([rows, model.rows(there[bent])])
