@@ -277,7 +277,10 @@ class Plant:
             rule = "must be a path or the XML itself"
             raise InvalidValueError("model", rule, told(self.model, repr))
         if not str(self.model).lstrip().startswith("<"):
-            maker = sys._getframe(2).f_globals.get("__file__", "")  # what calls the constructor
+            caller = sys._getframe(2)  # what calls the constructor, by dataclasses.replace or not
+            while caller.f_back and caller.f_globals.get("__name__") in ("dataclasses", "copy"):
+                caller = caller.f_back
+            maker = caller.f_globals.get("__file__", "")
             here = Path(maker).absolute().parent if maker else Path.cwd()
             object.__setattr__(self, "model", here / Path(self.model).expanduser())
         for thing in ("coordinates", "inputs", "wraps"):
@@ -443,7 +446,8 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
     if not isinstance(found, Plant):
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
     if not found.origin:  # where another process, and a reader of a result, finds it
-        origin = f"{here / Path(place).expanduser()}:{attribute}" if place.endswith(".py") else spec
+        file = (here / Path(place).expanduser()).absolute()
+        origin = f"{file}:{attribute}" if place.endswith(".py") else spec
         object.__setattr__(found, "origin", origin)
     return found
 

@@ -114,6 +114,8 @@ class PlantModel:
         self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
         self._require_kept()
         self._require_parameters_used()
+        enters = np.array([[one.rate == "enters" for one in plant.parameters.values()]])
+        self.drift(plant.nominal[None], enters.astype(np.float64))  # raises for a mass
 
     @cached_property
     def _compared(self) -> dict[str, list[str]]:
@@ -151,6 +153,8 @@ class PlantModel:
             slides = m.jnt_type[i] == int(mujoco.mjtJoint.mjJNT_SLIDE)
             if (self.plant.units[name] == "m") != slides:
                 raise InvalidValueError(f"joint {name!r}", rule.format("type"))
+            if slides and name in self.plant.wraps:
+                raise InvalidValueError("wraps", "must be hinges, which come round", repr(name))
         for i, name in enumerate(self.plant.inputs):
             limited, own = m.actuator_ctrllimited[i], m.actuator_ctrlrange[i]
             if not np.array_equal(self.plant.limits[i], own if limited else (-np.inf, np.inf)):

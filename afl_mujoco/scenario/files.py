@@ -10,6 +10,7 @@ import functools
 import inspect
 import json
 import operator
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
@@ -208,10 +209,21 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
         if not scenario.plant.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, to be named in one"
             raise InvalidValueError(f"plant {scenario.plant.name!r}", rule)
-        table["plant"] = scenario.plant.origin
+        table["plant"] = _relative(scenario.plant.origin, Path(path).absolute().parent)
     if replay is not None:
         table["replay"] = {name: value for name, value in asdict(replay).items() if value}
     write_text(Path(path), tomli_w.dumps(table))
+
+
+def _relative(origin: str, folder: Path) -> str:
+    """Return the origin of a plant as a file in a folder names it."""
+    place, _, attribute = origin.rpartition(":")
+    if not place.endswith(".py"):
+        return origin
+    try:
+        return f"{Path(os.path.relpath(place, folder)).as_posix()}:{attribute}"
+    except ValueError:  # on another drive
+        return origin
 
 
 def is_toml(name: str) -> bool:

@@ -163,6 +163,10 @@ class Requirements:
                     hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
                     rule = f"must be at most {end:.4g} rad, where a run ends ({hint})"
                     raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
+        for name, least in found["min"].items():
+            if not least <= found["max"].get(name, math.inf):
+                rule = f"must be at most requirements.max.{name}, {found['max'][name]:g}"
+                raise InvalidValueError(f"requirements.min.{name}", rule, f"{least:g}")
         bands = bands_of(plant)
         own = {name: band for name, band in found["bands"].items() if band != bands[name]}
         return replace(self, **{**found, "bands": ByName(own)})

@@ -151,7 +151,9 @@ class SampleSpace:
             yield Quantity("last_change", "s", self.last_change)
         for name, value in own.departing().items():
             if name not in (*self.varied, "seed"):
-                yield Quantity(name, declarations(plant)[name].unit, float(value))
+                known = declarations(plant)
+                declared = known.get(name) or known[name.partition(".")[0]]
+                yield Quantity(name, declared.unit, float(value))
         yield Quantity("duration", "s", self.scenario.duration)
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:

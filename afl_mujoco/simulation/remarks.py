@@ -25,6 +25,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
     return [
         *_of_controller(scenario, controller),
         *_beyond(scenario),
+        *_jumping(scenario),
         *_unreached(scenario),
         *_without_effect(scenario),
         *unit_remarks(scenario, run.control_period),
@@ -57,6 +58,17 @@ def _beyond(scenario: Scenario) -> list[str]:
             scenario.plant.parameters.items(), scenario.spans.values(), strict=True
         )
         if least < (one.low or 0.0) or most > (one.high or 0.0)
+    ]
+
+
+def _jumping(scenario: Scenario) -> list[str]:
+    """Remark on parameters that jump though their rates act on the motion."""
+    return [
+        f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities stay"
+        for name, one in scenario.plant.parameters.items()
+        for time in scenario.schedule[name].breakpoints
+        if one.rate == "enters" and 0.0 < time < scenario.duration
+        if scenario.schedule[name].at(time) != scenario.schedule[name].before(time)
     ]
 
 
@@ -157,7 +169,8 @@ def _ended(scenario: Scenario, run: Trajectory) -> list[str]:
                 said = f"the pole lies at the start, φ = {np.degrees(x):.4g}°"
                 return [f"{said}; every run ends as fallen at 90°"]
             return [f"{symbol(name)} is at the start where a run ends, {x:.4g} from its target"]
-    worst = run.commands[-1][np.argmax(~(np.abs(run.commands[-1]) < STATE_LIMIT))]
+    last = run.commands[-1]
+    worst = last[np.argmax(~(np.abs(last) < STATE_LIMIT))] if last.size else 0.0
     if run.outcome.kind == DIVERGED and not abs(worst) < STATE_LIMIT:
         rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
         return [f"the force was {worst:g} at {run.outcome.time:.3g} s; {rule}"]

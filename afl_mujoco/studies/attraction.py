@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -124,6 +125,7 @@ def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> f
         given = 10.0 if rate else 1.55
     if given is None:
         given = 20.0 * scenario.band(name.removesuffix("_dot"))
+        given = min(given, 0.95 * scenario.ends_at.get(name, math.inf))
     most = require_positive(option, given)
     if units[name] == "rad":
         require_start_angle(option, most)

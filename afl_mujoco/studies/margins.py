@@ -146,6 +146,9 @@ class Request(NamedTuple):
         if require_positive("control_period", self.period) > LONGEST_PERIOD:
             rule = f"must be at most {LONGEST_PERIOD:g} s"
             raise InvalidValueError("control_period", rule, f"{self.period:g}")
+        if not self.scenario.plant.inputs:
+            rule = "must have an input at which a loop is broken"
+            raise InvalidValueError(f"plant {self.scenario.plant.name!r}", rule)
         names = [one.name for one in self.controllers]
         if not names or len(set(names)) < len(names):
             raise InvalidValueError("controllers", "must hold at least one, each once", names)

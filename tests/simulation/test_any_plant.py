@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from dataclasses import replace
 from math import cos, sin
 from pathlib import Path
@@ -12,11 +13,16 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
+from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.simulation.linear import bound
+from afl_mujoco.studies.compare import report
+from afl_mujoco.studies.margins import Request
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUADROTOR = load_plant(f"{EXAMPLES}/quadrotor_load.py:plant")
@@ -328,3 +334,44 @@ def test_a_plant_needs_no_parameters() -> None:
         np.testing.assert_allclose(run.state[-1], expected, atol=away)
         assert dict(run.parameters) == {}
     assert afl.load(scenario).reset().observation is not None
+
+
+def test_a_plant_needs_no_inputs_to_be_simulated_and_compared(tmp_path: Path) -> None:
+    xml = """<mujoco><worldbody><body><joint name="angle" axis="0 1 0"/>
+        <inertial pos="0 0 -0.3" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody></mujoco>"""
+    plant = afl.Plant(name="free", model=xml, coordinates=("angle",))
+    scenario = afl.Scenario(name="free", plant=plant, duration=0.5, initial_state={"angle": 0.3})
+    found = afl.compare(scenario, [lambda time, state, belief: ()])
+    assert found.rows[0].outcome == "completed"
+    assert report(found).passed
+    with pytest.raises(InvalidValueError, match="plant 'free' must have an input at which a loop"):
+        Request(scenario, [afl.CONTROLLERS["lqr"]], {}).require()
+
+
+def test_a_saved_scenario_finds_its_plant_from_any_folder(tmp_path: Path, monkeypatch) -> None:
+    shutil.copy(EXAMPLES / "quadrotor_load.py", tmp_path)
+    shutil.copy(EXAMPLES / "quadrotor_load.xml", tmp_path)
+    (tmp_path / "own.toml").write_text('plant = "quadrotor_load.py:plant"\nduration = 1.0\n')
+    monkeypatch.chdir(tmp_path)
+    scenario = afl.load_scenario("own.toml")
+    (tmp_path / "out" / "deep").mkdir(parents=True)
+    afl.save_scenario(scenario, "out/deep/saved.toml")
+    assert 'plant = "../../quadrotor_load.py:plant"' in Path("out/deep/saved.toml").read_text()
+    monkeypatch.chdir(tmp_path / "out")
+    assert afl.load_scenario("deep/saved.toml").plant.name == scenario.plant.name
+
+
+def test_samples_say_what_is_told_of_one_input() -> None:
+    delays = afl.Imperfections(delay={"left": 0.004, "right": 0.002})
+    ranges = Ranges(varied={"load": (0.02, 0.4)})
+    own = afl.Scenario(name="own", plant=QUADROTOR, imperfections=delays, ranges=ranges)
+    found = {one.name: one.unit for one in SampleSpace(own).quantities()}
+    assert found["delay.left"] == found["delay.right"] == "s"
+
+
+def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
+    asked = Requirements(min={"z": 1.0}, max={"z": 0.5})
+    with pytest.raises(InvalidValueError, match=r"min.z must be at most requirements.max.z, 0.5"):
+        afl.Scenario(name="own", plant=QUADROTOR, requirements=asked)
+    with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):
+        PlantModel(replace(QUADROTOR, wraps=("x",)))
