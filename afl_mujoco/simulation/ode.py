@@ -386,11 +386,12 @@ def require_equations(scenario: Scenario, change: ParameterChange | None = None)
     if change is not None and not change.is_the_papers:
         rule = "are of the cart-pole: another plant says them for each parameter"
         raise InvalidValueError("dynamics and jumps", rule)
-    along = any(one.coordinate or isinstance(one, Impulse) for one in scenario.disturbances)
-    if (along or scenario.joins) and plant.terms is None:
+    asked = ["an impulse" for one in scenario.disturbances if isinstance(one, Impulse)]
+    asked += [f"a force along {one.coordinate}" for one in scenario.disturbances if one.coordinate]
+    asked += [f"what joins at rest at {time:g} s" for time in scenario.joins]
+    if asked and plant.terms is None:
         rule = "needs equations as terms: accelerations do not say what momenta do"
-        thing = "a force along a coordinate, an impulse, or a mass that joins at rest"
-        raise InvalidValueError(thing, rule)
+        raise InvalidValueError(f"plant {plant.name!r}, {asked[0]}", rule)
 
 
 def _points(scenario: Scenario) -> Points:
