@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numba.extending import register_jitable
@@ -282,8 +282,14 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
     return arrive
 
 
-Trees = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[Tree, Tree]]
-"""The tree of a plant with some parameters at rest, and as it moves under their rates."""
+class Trees(Protocol):
+    """The tree of a plant at rest, and as it moves under rates of parameters."""
+
+    def at(self, values: NDArray[np.float64], rates: NDArray[np.float64]) -> tuple[Tree, Tree]:
+        """Return both with some parameters and rates."""
+
+    def along(self, segment: Segment, time: float) -> tuple[Tree, Tree]:
+        """Return both at a time of a segment."""
 
 
 def plant_loop(
@@ -322,9 +328,7 @@ def plant_loop(
             mass, bias, inputs = split(plant, found[None])
             found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
         if enters.any():
-            acting = np.where(enters, [rate for _, rate in segment.lines], 0.0)
-            needed, inertia = _needed(trees, p, acting, x)
-            found = found - np.linalg.solve(inertia, needed)
+            found = found - _drag(trees, enters, segment, time, x)
         return np.concatenate([x[n:], found])
 
     def arrive(
@@ -341,38 +345,57 @@ def plant_loop(
             if joins and before is not None:  # M v + N p' stays, as M changes
                 old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
                 kept = old[0] @ state[n:]
-                kept += _needed(trees, before.values_at(before.end), rates[0], state, kick=True)[0]
-                kept -= _needed(trees, p, rates[1], state, kick=True)[0]
+                kept += _carried(trees, before.values_at(before.end), rates[0], state[:n])[0]
+                kept -= _carried(trees, p, rates[1], state[:n])[0]
                 state[n:] = np.linalg.solve(mass[0], kept)
             state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
         if not joins and (kink := rates[1] - rates[0]).any():
-            needed, inertia = _needed(trees, p, kink, state, kick=True)
-            state[n:] -= np.linalg.solve(inertia, needed)
+            momenta, inertia = _carried(trees, p, kink, state[:n])
+            state[n:] -= np.linalg.solve(inertia, momenta)
         return state
 
     return derivative, arrive
 
 
-def _needed(
+def _drag(
     trees: Trees | None,
-    values: NDArray[np.float64],
-    rates: NDArray[np.float64],
+    enters: NDArray[np.bool_],
+    segment: Segment,
+    time: float,
     state: NDArray[np.float64],
-    *,
-    kick: bool = False,
-) -> tuple[Any, NDArray[np.float64]]:
-    """Return the forces that rates need, or their momenta at rest, and the mass matrix."""
+) -> Any:
+    """Return by how much rates of parameters lower the accelerations."""
+    if not any(rate for enter, (_, rate) in zip(enters, segment.lines, strict=True) if enter):
+        return 0.0
     n = len(state) // 2
+    needed, inertia = _needed(*_given(trees).along(segment, time), state[:n], state[n:])
+    return np.linalg.solve(inertia, needed)
+
+
+def _carried(
+    trees: Trees | None, values: NDArray[np.float64], rates: NDArray[np.float64], q: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the momenta that rates give a plant at rest, N p', and its mass matrix."""
     if not rates.any():
-        return np.zeros(n), np.eye(n)
+        return np.zeros(len(q)), np.eye(len(q))
+    still, moving = _given(trees).at(values, rates)
+    drift = np.zeros_like(moving.drift)  # a jump of d' is an impulse of d''
+    drift[:, [1, 3]] = moving.drift[:, [0, 2]]
+    return _needed(still, moving._replace(drift=drift), q, np.zeros(len(q)))
+
+
+def _given(trees: Trees | None) -> Trees:
+    """Return trees, or raise if there are none."""
     if trees is None:
         raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
-    still, moving = trees(values, rates)
-    q, v = state[:n].copy(), state[n:].copy()
-    if kick:  # a jump of d' is an impulse of d'', which needs no velocity
-        drift = np.zeros_like(moving.drift)
-        drift[:, [1, 3]] = moving.drift[:, [0, 2]]
-        moving, v = moving._replace(drift=drift), 0.0 * v
+    return trees
+
+
+def _needed(
+    still: Tree, moving: Tree, q: Any, v: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the forces that motion under rates needs besides, and the mass matrix."""
+    q, v = np.array(q), np.array(v)
     without = terms_of(still, q, v)
     return terms_of(moving, q, v).bias - without.bias, without.mass
 

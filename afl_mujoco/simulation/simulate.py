@@ -8,15 +8,18 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.polynomial.chebyshev import chebval
 from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.tree import Tree
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.linear import bound, plant_model
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.mujoco_rollout import Line, line_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
@@ -25,15 +28,31 @@ def simulate_ode(scenario: Scenario | str | Path, controller: Any, **settings: A
     """Bind the controller to the plant, which the equations' side cannot: it knows no engine."""
     known = as_scenario(scenario)
     own = bound(as_controller(controller), known)
-    return ode.simulate_ode(known, own, trees=trees_of(known.plant), **settings)
+    return ode.simulate_ode(known, own, trees=MovingTrees(known.plant), **settings)
 
 
-def trees_of(plant: Plant) -> ode.Trees:
-    """Return what gives the tree of a plant at rest, and as it moves under rates of parameters."""
+class MovingTrees:
+    """The tree of a plant at rest, and as it moves under rates of parameters."""
 
-    def trees(values: NDArray[np.float64], rates: NDArray[np.float64]) -> tuple[Tree, Tree]:
-        model = plant_model(plant, threading.get_ident())
-        still = Tree(**model.tree(model.rows(values)[0]))
-        return still, still._replace(drift=model.drift(values[None], rates[None])[0])
+    def __init__(self, plant: Plant) -> None:
+        self.plant = plant
+        self._lines: dict[Segment, Line] = {}
+        self._model: SimulatedModel | None = None
 
-    return trees
+    def at(self, values: NDArray[np.float64], rates: NDArray[np.float64]) -> tuple[Tree, Tree]:
+        """Return both with some parameters and rates."""
+        model = plant_model(self.plant, threading.get_ident())
+        return self._trees(model.rows(values)[0], model.drift(values[None], rates[None])[0])
+
+    def along(self, segment: Segment, time: float) -> tuple[Tree, Tree]:
+        """Return both at a time of a segment, from what is written along it."""
+        if (line := self._lines.get(segment)) is None:
+            self._model = self._model or SimulatedModel(self.plant)
+            self._lines = {segment: (line := line_of(self._model, segment))}
+        x = 2.0 * (time - line.start) / line.length - 1.0
+        row, drift = (np.asarray(chebval(x, one.T)) for one in (line.course, line.drift))
+        return self._trees(row, drift.reshape(-1, 5, 3))
+
+    def _trees(self, row: NDArray[np.float64], drift: NDArray[np.float64]) -> tuple[Tree, Tree]:
+        still = Tree(**plant_model(self.plant, threading.get_ident()).tree(row))
+        return still, still._replace(drift=drift)

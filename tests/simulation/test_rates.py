@@ -16,7 +16,7 @@ from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.tree import terms_of
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, rate_forces
 from afl_mujoco.simulation.remarks import remarks_on
-from afl_mujoco.simulation.simulate import trees_of
+from afl_mujoco.simulation.simulate import MovingTrees
 
 XML = """<mujoco><worldbody><body name="cart"><joint name="z" type="slide" axis="1 0 0"/>
     <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>
@@ -87,13 +87,13 @@ def lagrangian():
 
 
 def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tree() -> None:
-    rng, model, trees = np.random.default_rng(0), SimulatedModel(STRUT), trees_of(STRUT)
+    rng, model, trees = np.random.default_rng(0), SimulatedModel(STRUT), MovingTrees(STRUT)
     force, along = lagrangian()
     for _ in range(20):
         q, v, r = rng.uniform(-3, 3, 3), rng.uniform(-4, 4, 3), rng.uniform(-1, 1, 2)
         p = rng.uniform(0.2, 0.8, 2)
         expected = np.array(force(q, v, p, r), float)[:, 0]
-        still, moving = trees(p, r)
+        still, moving = trees.at(p, r)
         own = terms_of(moving, q, v).bias - terms_of(still, q, v).bias
         np.testing.assert_allclose(own, expected, rtol=1e-10, atol=1e-10)
         model.write(p)

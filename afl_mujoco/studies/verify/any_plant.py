@@ -29,7 +29,7 @@ from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import plant_loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
-from afl_mujoco.simulation.simulate import simulate_ode, trees_of
+from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
@@ -261,7 +261,7 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
 
     It restarts within segments: what happens at a breakpoint is compared as well.
     """
-    loop, arrive = plant_loop(scenario, controller, ParameterChange(), trees_of(scenario.plant))
+    loop, arrive = plant_loop(scenario, controller, ParameterChange(), MovingTrees(scenario.plant))
     solver = scipy_solver(
         loop, controller=controller.name, criterion=criterion_of(scenario), longest=SHORTER
     )
