@@ -24,6 +24,7 @@ XML = """<mujoco><worldbody><body name="cart"><joint name="z" type="slide" axis=
     <inertial pos="0 0 0.2" mass="0.7" diaginertia="0.1 0.1 0.1"/>
     <body name="lower" pos="0 0 0.4" euler="0 30 0"><joint name="psi" axis="0 1 0"/>
     <inertial pos="0.1 0 0.2" mass="0.3" diaginertia="0.1 0.1 0.1"/>
+    <body pos="0 0 0.1"><inertial pos="0.05 0 0" mass="0.2" diaginertia="0.1 0.1 0.1"/></body>
     </body></body></body></worldbody>
     <actuator><motor name="force" joint="z"/></actuator></mujoco>"""
 
@@ -70,6 +71,8 @@ def lagrangian():
     energy += half * m2 * lower.diff(t).dot(lower.diff(t))
     energy += half * m1 * reach**2 / 12 * phi.diff(t) ** 2
     energy += half * tip**3 / 2 * turn.diff(t) ** 2
+    hand = base + along(phi, 0, 2 * reach**2) + along(turn, sp.Rational(1, 20), sp.Rational(1, 10))
+    energy += half / 5 * hand.diff(t).dot(hand.diff(t)) + half / 10 * turn.diff(t) ** 2
     whole = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]
     numbers = sp.symbols("q0:3 v0:3 p0:2 r0:2 s0:2 a0:3")
     q0, v0, p0, r0, s0, a0 = (numbers[i:j] for i, j in
