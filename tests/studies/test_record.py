@@ -75,7 +75,7 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path: 
     first = save_record(record, tmp_path)
     assert names(tmp_path) == users | {path.name for path in first}
     assert {"margins-delay.svg", "margins.md"} < names(tmp_path)
-    empty = replace(record, result=replace(record.result, margins={}))
+    empty = replace(record, result=replace(record.result, rows=()))
     second = save_record(empty, tmp_path)
     assert names(tmp_path) == users | {path.name for path in second}
     assert "margins-delay.svg" not in names(tmp_path)
@@ -196,7 +196,7 @@ def test_a_number_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
     assert names(tmp_path) == set()
 
 
-BARE = {"schema": 4, "study": "margins", "command": "", "versions": {}, "inputs": {}, "files": {}}
+BARE = {"schema": 5, "study": "margins", "command": "", "versions": {}, "inputs": {}, "files": {}}
 
 
 @pytest.mark.parametrize(
@@ -204,11 +204,14 @@ BARE = {"schema": 4, "study": "margins", "command": "", "versions": {}, "inputs"
     [
         ("{", "is not a result of afl-mujoco margins: "),
         ("[]", "is not a result of afl-mujoco margins: "),
-        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 4, got 'mar"),
-        ('{"schema": 4, "study": "ladder"}', "must be of 'margins' and have schema 4, got 'ladder"),
-        ('{"schema": 4, "study": "margins"}', "'command' is missing"),
+        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
+        ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
+        ('{"schema": 5, "study": "margins"}', "'command' is missing"),
         (json.dumps(BARE | {"command": 3}), "command must be a string"),
-        (json.dumps(BARE | {"control_period": "long"}), "control_period must be a number, got 'lo"),
+        (
+            json.dumps(BARE | {"scenario": "s", "control_period": "long"}),
+            "control_period must be a number, got 'lo",
+        ),
         (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
         (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
         (json.dumps(BARE | {"files": 3}), "files must be an object, got 3"),
