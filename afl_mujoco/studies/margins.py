@@ -686,7 +686,7 @@ def _worst_matrix(result: Result, held: str) -> Matrix:
         )
     return Matrix(
         caption=f"Worst margins over {_plants(r.plants)}, {held}, and where the delay margin is "
-        f"least; measured: by motions of {short(1e3 * START)} mrad in MuJoCo",
+        f"least{f'; measured: by motions of {short(1e3 * START)} mrad' if r.not_linear else ''}",
         columns=[
             *("Controller", "Input")[: 1 + several], "Loop", "Unstable",
             *(name for name, *_ in SHOWN), *([f"At {', '.join(r.units)}"] if r.units else []),
