@@ -144,16 +144,17 @@ class LinearFeedback(Controller):
     def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return holding inputs, gains and target for rows of parameters."""
         distinct, which = np.unique(values, axis=0, return_inverse=True)
-        designed = np.array([self._at(row) for row in distinct])[which.reshape(-1)]
-        rest = [*self.target, *([0.0] * len(self.target))]
-        return np.column_stack([designed, np.tile(rest, (len(values), 1))])
+        return np.array([self._row(row) for row in distinct])[which.reshape(-1)]
+
+    def _row(self, values: Floats) -> Floats:
+        """Return holding inputs, gains and target for some parameters."""
+        return np.concatenate([self._at(values), self.target, np.zeros(len(self.target))])
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the inputs at a state and assumed parameters, shape (k,)."""
         given = np.asarray(assumed)
         if (row := self.rows.get(key := given.tobytes())) is None:
-            rest = [*self.target, *([0.0] * len(self.target))]
-            row = np.concatenate([self._at(given), rest])
+            row = self._row(given)
             if len(self.rows) >= MOST_KNOWN:
                 self.rows.clear()
             self.rows[key] = row

@@ -372,6 +372,11 @@ class Plant:
         columns: Any = values.tolist() if values.ndim == 1 else np.moveaxis(values, -1, 0)
         return SimpleNamespace(**dict(zip(self.parameters, columns, strict=True)))
 
+    @cached_property
+    def entering(self) -> NDArray[np.bool_]:
+        """Which parameters' rates act on the motion, shape (parameters,)."""
+        return np.array([one.rate == "enters" for one in self.parameters.values()], dtype=np.bool_)
+
     @property
     def has_equations(self) -> bool:
         """Whether it says what it should obey."""

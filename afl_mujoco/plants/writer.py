@@ -114,8 +114,9 @@ class PlantModel:
         self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
         self._require_kept()
         self._require_parameters_used()
-        enters = np.array([[one.rate == "enters" for one in plant.parameters.values()]])
-        self.drift(plant.nominal[None], enters.astype(np.float64))  # raises for a mass
+        self.drift(
+            plant.nominal[None], plant.entering[None].astype(np.float64)
+        )  # raises for a mass
 
     @cached_property
     def _compared(self) -> dict[str, list[str]]:

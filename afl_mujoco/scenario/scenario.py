@@ -339,9 +339,8 @@ class Scenario:
         Returns ndarray: Shape (N, parameters) [1/s].
         """
         found = np.zeros((len(times), len(self.schedule)))
-        for i, (name, one) in enumerate(self.plant.parameters.items()):
-            schedule = self.schedule[name]
-            if one.rate == "enters" and schedule.breakpoints:
+        for i, schedule in enumerate(self.schedule.values()):
+            if self.plant.entering[i] and schedule.breakpoints:
                 edges = (-math.inf, *schedule.breakpoints)
                 rates = np.array([0.0, *(schedule.piece(t)[1] for t in edges[1:])])
                 found[:, i] = rates[np.searchsorted(edges, times, side="right") - 1]

@@ -430,6 +430,11 @@ def require_tolerances(method: str, rtol: float, atol: float) -> None:
     require_positive("atol", atol)
 
 
+def longest_step_of(scenario: Scenario) -> float:
+    """Return the longest step of the loop of a scenario [s]."""
+    return MAX_STEP if scenario.is_cart_pole else SHORTER
+
+
 def scipy_solver(
     derivative: Derivative,
     method: str = "DOP853",

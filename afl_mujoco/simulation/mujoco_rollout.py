@@ -23,14 +23,13 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
-    MAX_STEP,
     RTOL,
-    SHORTER,
     Derivative,
     Solver,
     Transition,
     compiled_solver,
     integrate,
+    longest_step_of,
     python_rk4,
     scipy_solver,
 )
@@ -121,10 +120,9 @@ def acting_rates(
     plant: Plant, rates: NDArray[np.float64], change: ParameterChange = PAPERS_CHANGE
 ) -> NDArray[np.float64]:
     """Return the rates of parameters that act on the motion, 0 for the others."""
-    own = [one.rate == "enters" for one in plant.parameters.values()]
     if change.stretching:  # the cart-pole's rod (D9)
-        own = [name == "half_length" for name in plant.parameters]
-    return np.where(own, rates, 0.0)
+        return np.where([name == "half_length" for name in plant.parameters], rates, 0.0)
+    return np.where(plant.entering, rates, 0.0)
 
 
 def _course(
@@ -261,7 +259,7 @@ def solver(
         loop = closed_loop(model, controller, change)
         if mode == "continuous":
             return python_rk4(loop, criterion)
-        longest = MAX_STEP if scenario.is_cart_pole else SHORTER
+        longest = longest_step_of(scenario)
         return scipy_solver(loop, controller=controller.name, criterion=criterion, longest=longest)
     compiled, assumed = (
         tuple(controller.compiled_for(scenario.plants)),

@@ -38,12 +38,12 @@ from afl_mujoco.simulation.integrator import (
     ATOL,
     MAX_STEP,
     RTOL,
-    SHORTER,
     Derivative,
     Transition,
     along_z,
     compiled_solver,
     integrate,
+    longest_step_of,
     require_tolerances,
     scipy_solver,
     segment_numbers,
@@ -158,7 +158,7 @@ def solve_ode(
             atol,
             controller=controller.name,
             criterion=criterion,
-            longest=MAX_STEP if scenario.is_cart_pole else SHORTER,
+            longest=longest_step_of(scenario),
         )
     else:
         require_tolerances(method, rtol, atol)
@@ -305,7 +305,7 @@ def plant_loop(
     plant = scenario.plant
     n, k = len(plant.coordinates), len(plant.inputs)
     require_equations(scenario, change)
-    enters = np.array([one.rate == "enters" for one in plant.parameters.values()])
+    enters = plant.entering
     low, high = plant.limits.T
     equations = load_equations(plant, _points(scenario))
     size = n * (n + 1 + k) if plant.terms else n

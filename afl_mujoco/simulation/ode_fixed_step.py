@@ -149,6 +149,13 @@ def _starts(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np
     return found
 
 
+def _steps_of(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the step of a coarse grid in which each step of a fine one lies."""
+    starts = _starts(fine, times)
+    found = np.searchsorted(starts, np.arange(len(fine) - 1), side="right") - 1
+    return np.minimum(found, len(starts) - 2)  # a breakpoint may round to the horizon
+
+
 def _run(
     scenario: Scenario,
     controller: Controller,
@@ -215,8 +222,7 @@ class _Steps:
         self.segments, self.starts = scenario.segments, _starts(fine, times)
         first = np.array([segment.start for segment in self.segments])
         self.of = np.searchsorted(first, fine[:-1], side="right") - 1
-        step = np.searchsorted(self.starts, np.arange(len(fine) - 1), side="right") - 1
-        self.step = np.minimum(step, len(self.starts) - 2)
+        self.step = _steps_of(fine, times)
         held = scenario.values(0.5 * (times[:-1] + times[1:]))
         self.values = held if holds.schedule else None
         self.push = held_disturbances(scenario, times).push if holds.disturbance else None
@@ -313,9 +319,7 @@ def _numbers(
     told = table[np.searchsorted(starts, fine[:-1], side="right") - 1]
     numbers, impulse = told.copy(), np.zeros(len(told))
     impulse[np.searchsorted(fine, starts)] = [along_z(segment.impulse) for segment in segments]
-    start_of = _starts(fine, times)
-    step_of = np.searchsorted(start_of, np.arange(len(impulse)), side="right") - 1
-    step_of = np.minimum(step_of, len(start_of) - 2)  # a breakpoint may round to the horizon
+    start_of, step_of = _starts(fine, times), _steps_of(fine, times)
     if holds.schedule:
         middles = 0.5 * (times[:-1] + times[1:])
         inside = table[np.searchsorted(starts, middles, side="right") - 1]

@@ -65,9 +65,9 @@ def _jumping(scenario: Scenario) -> list[str]:
     """Remark on parameters that jump though their rates act on the motion."""
     return [
         f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities stay"
-        for name, one in scenario.plant.parameters.items()
+        for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
         for time in scenario.schedule[name].breakpoints
-        if one.rate == "enters" and 0.0 < time < scenario.duration
+        if enters and 0.0 < time < scenario.duration
         if scenario.schedule[name].at(time) != scenario.schedule[name].before(time)
     ]
 

@@ -108,26 +108,29 @@ def _carry(at, profile, run, row, sign):
     """Add what the rates of a row carry, -N p', to the momenta in the work space, with a sign."""
     if len(profile.drift) == 0 or not profile.drift[row].any():
         return
-    state, carried = run.space[at.k + 3 * at.n :], run.space[at.k + 2 * at.n :][: at.n]
+    carried = run.space[at.k + 2 * at.n :][: at.n]
+    _at_rest(at, run, profile.drift[row], carried)
+    for j in range(at.n):
+        run.space[j] += sign * carried[j]
+
+
+@borrowing_kernel
+def _at_rest(at, run, drift, out):
+    """Write the impulses -N p' of rates on the plant at rest where it is."""
+    state = run.space[at.k + 3 * at.n :]
     read_state(at, run.after)
     for j in range(at.n):
         state[j], state[at.n + j] = run.after[j], 0.0
-    rate_forces(at, profile.drift[row], state, True, carried)
+    rate_forces(at, drift, state, True, out)
     write_state(at, run.after)
-    for j in range(at.n):
-        run.space[j] += sign * carried[j]
 
 
 @borrowing_kernel
 def _kick(at, profile, run, kicks):
     """Change the rates where rates of parameters jump, with the parameters of that instant."""
     write_row(at.structures, at.targets, profile.rows[int(kicks[0])])
-    state, impulse = run.space[at.k + 3 * at.n :], run.space[at.k + 2 * at.n :][: at.n]
-    read_state(at, run.after)
-    for j in range(at.n):
-        state[j], state[at.n + j] = run.after[j], 0.0
-    rate_forces(at, kicks, state, True, impulse)
-    write_state(at, run.after)
+    impulse = run.space[at.k + 2 * at.n :][: at.n]
+    _at_rest(at, run, kicks, impulse)
     _strike(at, run, impulse)
 
 

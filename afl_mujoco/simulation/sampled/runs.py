@@ -202,7 +202,7 @@ def input_profile(
     """
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
-    rows, which = model.course(np.hstack([values, rates]))
+    rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
     drift = kicks = np.empty((0, 15 * len(model.addresses.parents)))
     if rates.any():
         first = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row

@@ -18,8 +18,8 @@ from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.sampling import held_disturbances, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import (
-    SHORTER,
     integrate,
+    longest_step_of,
     rk4_step,
     scipy_solver,
     work_space,
@@ -263,7 +263,10 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
     """
     loop, arrive = plant_loop(scenario, controller, ParameterChange(), MovingTrees(scenario.plant))
     solver = scipy_solver(
-        loop, controller=controller.name, criterion=criterion_of(scenario), longest=SHORTER
+        loop,
+        controller=controller.name,
+        criterion=criterion_of(scenario),
+        longest=longest_step_of(scenario),
     )
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
     marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))

@@ -27,6 +27,7 @@ from afl_mujoco.report.style import (
 )
 from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.remarks import SAID
 from afl_mujoco.studies.cases import DEPLOYED
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, Comparison, kind
 from afl_mujoco.studies.verify.curves import REFERENCE, Curves
@@ -86,7 +87,7 @@ def draw_runs(scenario: Scenario, runs: Sequence[Curves]) -> Figure:
     return curves(panels, scenario.duration, shaded=pushes)
 
 
-PAPERS = {"cart_mass": "M", "half_length": "l", "force": "F"}
+PAPERS = {**SAID, "force": "F"}
 """What the paper calls them."""
 
 
