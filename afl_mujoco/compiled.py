@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import functools
 import hashlib
 import multiprocessing
 import re
+import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba import njit, types
-from numba.core import caching
+from numba.core import caching, sigutils
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 
 from afl_mujoco.errors import AflMujocoWarning
@@ -128,13 +133,18 @@ def inlined_kernel(function: Callable[..., Any]) -> Any:
 def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return a compiled function whose code is kept on disk."""
     dispatcher: Any = njit(nogil=True, error_model="numpy", **options)(function)
+    _keep(dispatcher, function)
+    return dispatcher
+
+
+def _keep(compiled: Any, function: Callable[..., Any]) -> None:
+    """Let numba keep compiled code on disk, if a folder can be written."""
     try:
-        dispatcher._cache = _Cache(dispatcher.py_func)  # type: ignore[no-untyped-call]
+        compiled._cache = _Cache(function)  # type: ignore[no-untyped-call]
     except RuntimeError as error:
         if "no locator" not in str(error):  # of a folder that can be written
             raise
         _warn_of_no_cache()
-    return dispatcher
 
 
 @functools.cache
@@ -148,6 +158,68 @@ def _warn_of_no_cache() -> None:
         AflMujocoWarning,
         stacklevel=2,
     )
+
+
+_NUMBERS = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
+_CALLED = types.void(types.float64, _NUMBERS, _NUMBERS, _NUMBERS, _NUMBERS)
+_IN_PYTHON = ctypes.CFUNCTYPE(None, ctypes.c_double, *[ctypes.c_size_t] * 4)
+
+
+class Callback:
+    """A function (time, x, u, p, out) that compiled code calls by its address, to fill `out`.
+
+    Whose function it is does not change the code that calls it, so that this compiles once.
+    """
+
+    def __init__(self, function: Any, sizes: tuple[int, int, int, int] | None = None) -> None:
+        """Take a function of Python and the sizes of its arrays, or one for numba to compile.
+
+        Numba hands pointers to the latter. What the former raises is kept for `check`.
+        """
+        self._error: BaseException | None = None
+        if sizes is None:
+            signature = sigutils.normalize_signature(_CALLED)  # type: ignore[no-untyped-call]
+            options = {"nopython": True, "error_model": "numpy"}
+            made: Any = CFunc(function, signature, {}, options)
+            _keep(made, function)
+            made.compile()
+            self._called, self.address = made, int(made.address)
+            return
+        kinds: Any = [ctypes.c_double * size for size in sizes]
+
+        def called(time: float, *addresses: int) -> None:
+            if self._error is not None:
+                return
+            try:
+                pairs = zip(kinds, addresses, strict=True)
+                function(
+                    time, *(np.ndarray(k._length_, buffer=k.from_address(a)) for k, a in pairs)
+                )
+            except BaseException as error:
+                self._error = error
+
+        self._called = _IN_PYTHON(called)
+        self.address = int(ctypes.cast(self._called, ctypes.c_void_p).value or 0)
+
+    @contextlib.contextmanager
+    def watched(self) -> Iterator[None]:
+        """Run compiled code that calls it, then raise what it raised, or a Ctrl-C before it."""
+        usual = sys.unraisablehook
+
+        def keep(event: Any) -> None:
+            if isinstance(event.exc_value, KeyboardInterrupt):
+                self._error = event.exc_value
+            else:
+                usual(event)
+
+        sys.unraisablehook = keep
+        try:
+            yield
+        finally:
+            sys.unraisablehook = usual
+        if self._error is not None:
+            error, self._error = self._error, None
+            raise error
 
 
 _DOUBLE = ir.DoubleType()
@@ -181,8 +253,28 @@ def _pointer(typingctx: Any, address: Any) -> Any:
     return types.voidptr(types.int64), generate
 
 
+def _call(typingctx: Any, address: Any, time: Any, x: Any, u: Any, p: Any, out: Any) -> Any:
+    """Call the function at `address`, as of `Callback`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place, now, *arrays = arguments
+        kinds = signature.args[2:]
+        pairs = zip(kinds, arrays, strict=True)
+        numbers = [context.make_array(kind)(context, builder, array).data for kind, array in pairs]
+        pointer_to = _DOUBLE.as_pointer()
+        function = ir.FunctionType(ir.VoidType(), [_DOUBLE, *[pointer_to] * 4])
+        builder.call(builder.inttoptr(place, function.as_pointer()), [now, *numbers])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, x, u, p, out), generate
+
+
 load: Any = intrinsic(_load)
 """Compiled code only: ``load(address)`` is the double at `address`."""
+
+call: Any = intrinsic(_call)
+"""Compiled code only: ``call(address, time, x, u, p, out)`` calls a `Callback`; arrays are
+contiguous."""
 
 store: Any = intrinsic(_store)
 """Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""

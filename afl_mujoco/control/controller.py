@@ -16,10 +16,12 @@ from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
+from afl_mujoco.scenario.scenario import Segment
 
-AFL, LINEAR, PARTIAL, AFFINE = 0, 1, 2, 3
+AFL, LINEAR, PARTIAL, AFFINE, CALLED = 0, 1, 2, 3, 4
 """Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state
-feedback ``u = -k x`` through the input map (L1); and, of any plant, ``u = u0 - K (x - target)``."""
+feedback ``u = -k x`` through the input map (L1); of any plant, ``u = u0 - K (x - target)``; and, in
+loops of continuous time, what is called by its address."""
 
 
 class CompiledController(NamedTuple):
@@ -235,6 +237,10 @@ class Controller(Protocol):
     def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the M [kg] and the l [m] of the true plant at which its gains are not smooth."""
         return np.empty(0), np.empty(0)
+
+    def rows_along(self, segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the rows of an affine controller along a segment, as `laws.Law` has them."""
+        raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
 
     def start(self) -> Controller:
         """Return the controller for one run, with its internal state reset if it has any."""

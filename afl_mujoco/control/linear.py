@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ from afl_mujoco.control.controller import AFFINE, Controller, force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.requirements import bands_of
+from afl_mujoco.scenario.scenario import Segment
 
 Floats = NDArray[np.float64]
 
@@ -24,6 +26,9 @@ interpolated between them."""
 
 MOST_KNOWN = 4096
 """Designs that are kept for the runs of one plant to share."""
+
+SHORTEST = 1e-9
+"""Least time between nodes [s]: parameters may pass them at one time, but for round-off."""
 
 HOLDS = 1e-6
 """Share of the forces at rest that inputs may leave over."""
@@ -140,6 +145,26 @@ class LinearFeedback(Controller):
             places = np.arange(np.ceil((low - first) / spacing), (high - first) / spacing + 1.0)
             found[name] = first + spacing * places
         return found
+
+    def rows_along(self, segment: Segment) -> tuple[Floats, Floats]:
+        """Return the rows along a segment: between nodes, polynomials of the share of the way."""
+        rates = {i: segment.lines[i][1] for i in self.grids if segment.lines[i][1]}
+        knots = [segment.start, segment.end]
+        for i, rate in rates.items():
+            first, spacing = self.grids[i]
+            begins, ends = (segment.values_at(time)[i] for time in knots[:2])
+            low, high = sorted(((begins - first) / spacing, (ends - first) / spacing))
+            places = np.arange(np.ceil(low), np.floor(high) + 1.0)
+            knots += (segment.start + (first + spacing * places - begins) / rate).tolist()
+        times = np.array(sorted(time for time in knots if segment.start <= time <= segment.end))
+        times = times[np.diff(times, prepend=-np.inf) > SHORTEST]
+        times[-1] = segment.end
+        shares = np.linspace(0.0, 1.0, len(rates) + 1) if rates else np.array([0.5])
+        powers, rows = np.vander(shares, increasing=True), []
+        for start, end in itertools.pairwise(times.tolist()):
+            table = [self._row(segment.values_at(start + x * (end - start))) for x in shares]
+            rows.append(np.linalg.solve(powers, np.array(table)).T)
+        return times, np.array(rows)
 
     def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return holding inputs, gains and target for rows of parameters."""

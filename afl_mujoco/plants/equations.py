@@ -9,13 +9,15 @@ import warnings
 from collections import namedtuple
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import Callback, kernel
 from afl_mujoco.errors import (
     AflMujocoError,
     InvalidValueError,
@@ -61,14 +63,33 @@ class Equations:
     plant: Plant
     fill: Fill
     how: str  # "compiled", or why they are interpreted
+    compiled: Any = None  # the same for `Callback`, if they are compiled
+
+    @cached_property
+    def callback(self) -> Callback:
+        """The same as compiled loops call it, (time, state, inputs, parameters, out)."""
+        if self.compiled is not None:
+            return Callback(self.compiled)
+        plant = self.plant
+        n, k = len(plant.coordinates), len(plant.inputs)
+
+        def fill(_: float, state: Floats, *rest: Floats) -> None:
+            self.fill(state[:n], state[n:], *rest)
+
+        return Callback(fill, (2 * n, k, len(plant.parameters), self.size))
+
+    @property
+    def size(self) -> int:
+        """How many numbers they give."""
+        n, k = len(self.plant.coordinates), len(self.plant.inputs)
+        return n * (n + 1 + k) if self.plant.terms else n
 
     def at(self, points: Points, *, gaps: bool = False) -> Floats:
         """Return what they give, a row a point: accelerations, or M, h and B row by row.
 
         gaps: NaN where they raise, or give what is not finite; else this is an error.
         """
-        n, k = len(self.plant.coordinates), len(self.plant.inputs)
-        found = np.full((len(points.q), n * (n + 1 + k) if self.plant.terms else n), np.nan)
+        found = np.full((len(points.q), self.size), np.nan)
         for *point, out in zip(*points, found, strict=True):
             try:
                 self.fill(*point, out)
@@ -105,7 +126,7 @@ def load_equations(plant: Plant, points: Points) -> Equations:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of numba, about what it will not do one day
-            compiled = _compiled(plant)
+            compiled, called = _compiled(plant)
             compiled(*(x[0] for x in points), np.empty_like(expected[0]))
     except Exception as error:  # whatever numba says of what it cannot compile
         lines = [line.strip() for line in str(error).splitlines() if line.strip()]
@@ -116,7 +137,7 @@ def load_equations(plant: Plant, points: Points) -> Equations:
         with told_of(_word(plant)):
             compiled(*given)
 
-    fast = Equations(plant, fill, "compiled")
+    fast = Equations(plant, fill, "compiled", called)
     rounding = ROUNDING * np.abs(expected).max(axis=1, keepdims=True)
     same = np.abs(fast.at(points, gaps=True) - expected) <= AGREE * np.abs(expected) + rounding
     how = "interpreted: compiled, they give other numbers"
@@ -176,8 +197,11 @@ def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
     return real
 
 
-def _compiled(plant: Plant) -> Fill:
-    """Return the equations as compiled code, which numba keeps under a key of all they read."""
+def _compiled(plant: Plant) -> tuple[Fill, Any]:
+    """Return the equations as compiled code, which numba keeps under a key of all they read.
+
+    And a function for `Callback`.
+    """
     function: Any = plant.terms or plant.accelerations
     lines = list(_source(plant))
     said = [*lines, *plant.parameters, *sorted(_read(function, {}))]
@@ -189,8 +213,16 @@ def _compiled(plant: Plant) -> Fill:
         "F": _jitted(function, {}),
         "P": namedtuple("P", list(plant.parameters)),
     }
+    n, sizes = len(plant.coordinates), (len(plant.inputs), len(plant.parameters))
+    k, j, size = (*sizes, n * (n + 1 + sizes[0]) if plant.terms else n)
+    source += (
+        f"\ndef called_{key}(time, x, u, p, out):\n    state = carray(x, ({2 * n},))\n"
+        f"    E(state[:{n}], state[{n}:], carray(u, ({k},)), carray(p, ({j},)), "
+        f"carray(out, ({size},)))\n"
+    )
     exec(compile(source, __file__, "exec"), space)
-    return cast(Callable[..., None], kernel(space[f"equations_{key}"]))
+    space["E"], space["carray"] = kernel(space[f"equations_{key}"]), carray
+    return cast(Callable[..., None], space["E"]), space[f"called_{key}"]
 
 
 def _source(plant: Plant) -> Iterator[str]:

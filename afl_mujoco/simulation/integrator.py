@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.integrate import DOP853, solve_ivp
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -334,13 +333,6 @@ MAX_STEP = 0.02
 MIN_RTOL = 100 * np.finfo(float).eps
 """Least relative tolerance: below it, the integrator would silently use this value."""
 
-MOST_EVALUATIONS = 20_000
-"""Most evaluations of a right-hand side in Python within `MAX_STEP` of simulated time.
-
-A step takes 12; the paper's controllers, whose force has kinks, need fewer than 1000. One
-that is not a smooth function of the state needs more than any number.
-"""
-
 NO_NODES: Mapping[str, NDArray[np.float64]] = {}
 
 SHORTEST = 1e-9
@@ -437,21 +429,20 @@ def longest_step_of(scenario: Scenario) -> float:
 
 def scipy_solver(
     derivative: Derivative,
+    criterion: Criterion,
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
-    *,
-    controller: str,
-    criterion: Criterion,
-    longest: float = MAX_STEP,
 ) -> Solver:
-    """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
+    """Return SciPy's integrator of a right-hand side in Python."""
     require_tolerances(method, rtol, atol)
 
     def solve(
         segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], Outcome | None]:
-        right_hand_side = _Counted(derivative, segment, controller)
+        def right_hand_side(time: float, state: NDArray[np.float64]) -> Sequence[float]:
+            return derivative(time, state, segment)
+
         if not np.isfinite(right_hand_side(segment.start, state)).all():
             return np.atleast_2d(state), Outcome(_ending(criterion, state), segment.start)
         solution = solve_ivp(  # type: ignore[call-overload]
@@ -462,7 +453,7 @@ def scipy_solver(
             t_eval=times,
             rtol=rtol,
             atol=atol,
-            max_step=longest,
+            max_step=MAX_STEP,
             events=_events(criterion, 2 * len(criterion.target)),
         )
         samples = np.reshape(solution.y, (len(state), -1)).T
@@ -471,18 +462,6 @@ def scipy_solver(
         )
 
     return solve
-
-
-def python_rk4(derivative: Derivative, criterion: Criterion) -> Solver:
-    """Return RK4 around a right-hand side in Python."""
-
-    def rates(segment: Segment, time: float, state: Any, slopes: Any) -> None:
-        slopes[:] = derivative(time, state, segment)
-
-    def solve(segment: Segment, *rest: Any) -> Any:
-        return solve_rk4(rates, segment, criterion, segment.start, segment.end, *rest)
-
-    return compiled_solver(solve, criterion)
 
 
 def compiled_solver(
@@ -514,20 +493,6 @@ def compiled_solver(
     return integrate_segment
 
 
-def segment_numbers(
-    scenario: Scenario, segment: Segment, change: ParameterChange
-) -> tuple[float, ...]:
-    """Return the numbers of a segment of a cart-pole for a compiled right-hand side.
-
-    Its start [s]; M and its rate [kg, kg/s]; l and its rate [m, m/s]; m [kg]; g [m/s^2]; the push
-    [N]; and the rate of l that acts on the rod [m/s].
-    """
-    mass, (pole_mass, _), length, (gravity, _) = segment.lines
-    rate = length[1] if change.stretching else 0.0
-    push = along_z(segment.push)
-    return (segment.start, *mass, *length, pole_mass, gravity, push, rate)
-
-
 def along_z(channels: Sequence[float]) -> float:
     """Return what acts along z of a cart-pole, on its input or on the coordinate, or raise."""
     on_input, on_z, on_phi = channels
@@ -535,29 +500,6 @@ def along_z(channels: Sequence[float]) -> float:
         rule = "must act along z: the paper's equations have no torque on the pole"
         raise InvalidValueError("disturbance", rule, "phi")
     return on_input + on_z
-
-
-class _Counted:
-    """The right-hand side in a segment, which raises if it is evaluated too often."""
-
-    def __init__(self, derivative: Derivative, segment: Segment, controller: str) -> None:
-        self.derivative, self.segment, self.controller = derivative, segment, controller
-        self.count, self.until = 0, segment.start + MAX_STEP
-
-    def __call__(self, time: float, state: NDArray[np.float64]) -> Sequence[float]:
-        """Return the rate of change of the state."""
-        if time >= self.until:
-            self.count, self.until = 0, time + MAX_STEP
-        self.count += 1
-        if self.count > MOST_EVALUATIONS:
-            rule = (
-                "must give a force that is a smooth function of time and state where it is "
-                "evaluated continuously, not one that is rounded (float32), switches, or remembers "
-                f"earlier calls: at t = {time:g} s its run needs more than {MOST_EVALUATIONS} "
-                f"evaluations for {MAX_STEP:g} s; only sampled mode runs it"
-            )
-            raise InvalidValueError(f"controller {self.controller!r}", rule)
-        return self.derivative(time, state, self.segment)
 
 
 @register_jitable

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller, compiled_force
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.laws import Law, Laws, command
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Plant
@@ -30,8 +31,6 @@ from afl_mujoco.simulation.integrator import (
     compiled_solver,
     integrate,
     longest_step_of,
-    python_rk4,
-    scipy_solver,
 )
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import (
@@ -79,6 +78,8 @@ class Space(NamedTuple):
     inputs: NDArray[np.float64]  # (k,)
     forces: NDArray[np.float64]  # (n,)
     drag: NDArray[np.float64]  # (n,), those of rates
+    low: NDArray[np.float64]  # bounds of the inputs, (k,)
+    high: NDArray[np.float64]
 
 
 DEGREES = (3, 5, 9, 17, 33)
@@ -193,57 +194,48 @@ def _write_rates(at, line, space, state, rates):
     forward(at, state, space.inputs, space.forces, rates[n:])
 
 
-@kernel
-def forced_rates(at, line, space, time, state, rates):
-    """Write the rates of the plant under ``space.inputs``."""
-    _write_at(at, line, space, time)
-    _write_rates(at, line, space, state, rates)
-
-
 @register_jitable
 def loop_rates(arguments, time, state, rates):
-    """Write the rates of the loop of cart-pole and compiled controller, as integrators need them.
+    """Write the rates of the loop of plant and controller, as integrators need them.
 
-    `arguments` are the addresses, the line and the work space, the assumed (M, m, l, g), NaN for
-    the true values, and the controller as a `CompiledController`.
+    `arguments` are the addresses, the line and the work space, and the law of the controller.
     """
-    at, line, space, assumed, compiled = arguments
-    kind, table, masses, lengths = compiled
+    at, line, space, law = arguments
     _write_at(at, line, space, time)
-    if np.isnan(assumed[0]):
-        assumed = space.values[0], space.values[1], space.values[2], space.values[3]
-    z, phi, z_dot, phi_dot = state[0], state[1], state[2], state[3]
-    space.inputs[0] = compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed)
+    command(law, time, state, space.values, space.inputs)
+    for i in range(at.k):
+        if abs(space.inputs[i]) < STATE_LIMIT:
+            space.inputs[i] = min(max(space.inputs[i], space.low[i]), space.high[i])
     _write_rates(at, line, space, state, rates)
 
 
+@kernel
+def _rates(at, line, space, law, time, state, rates):
+    """Write the rates of the loop for an integrator in Python."""
+    loop_rates((at, line, space, law), time, state, rates)
+
+
 @borrowing_kernel
-def solve_segment(
-    at, line, space, assumed, compiled, limits, start, end, state, times, options, work, found
-):
-    """Integrate the compiled loop over a segment by `dop853.solve`."""
+def _solve(at, line, space, law, limits, start, end, state, times, options, work, found):
+    """Integrate the loop over a segment by `dop853.solve`."""
     return dop853.solve(
-        loop_rates, (at, line, space, assumed, compiled), limits, start, end, state, times,
-        options, work, found,
-    )  # fmt: skip
+        loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
+    )
 
 
 @borrowing_kernel
-def step_segment(
-    at, line, space, assumed, compiled, limits, start, end, state, times, options, work, found
-):
-    """Integrate the compiled loop over a segment by `dop853.solve_rk4`."""
+def _step(at, line, space, law, limits, start, end, state, times, options, work, found):
+    """Integrate the loop over a segment by `dop853.solve_rk4`."""
     return dop853.solve_rk4(
-        loop_rates, (at, line, space, assumed, compiled), limits, start, end, state, times,
-        options, work, found,
-    )  # fmt: skip
+        loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
+    )
 
 
 def work_space(model: SimulatedModel) -> Space:
     """Return the work space of a right-hand side."""
     at, parameters = model.addresses, len(model.plant.parameters)
     sizes = (len(at.targets), 15 * len(at.parents), parameters, at.k, at.n, at.n)
-    return Space(*(np.zeros(size) for size in sizes))
+    return Space(*(np.zeros(size) for size in sizes), *model.plant.limits.T.copy())
 
 
 def solver(
@@ -254,45 +246,36 @@ def solver(
     mode: str,
 ) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
+    laws, space = Laws(controller, scenario, continuous=mode == "exact"), work_space(model)
+    integrated = _step if mode == "continuous" else _solve
     criterion = criterion_of(scenario)
-    if controller.interpreted or not scenario.is_cart_pole:
-        loop = closed_loop(model, controller, change)
-        if mode == "continuous":
-            return python_rk4(loop, criterion)
-        longest = longest_step_of(scenario)
-        return scipy_solver(loop, controller=controller.name, criterion=criterion, longest=longest)
-    compiled, assumed = (
-        tuple(controller.compiled_for(scenario.plants)),
-        controller.assumed_parameters(*[np.nan] * 4),
-    )
-    integrated = step_segment if mode == "continuous" else solve_segment
-    space = work_space(model)
 
     def solve(segment: Segment, *rest: Any) -> Any:
-        line = line_of(model, segment, change)
-        fixed = (model.addresses, line, space, assumed, compiled, criterion)
-        return integrated(*fixed, segment.start, segment.end, *rest)
+        fixed = model.addresses, line_of(model, segment, change), space, laws.along(segment)
+        with laws.watched():
+            return integrated(*fixed, criterion, segment.start, segment.end, *rest)
 
-    return compiled_solver(solve, criterion)
+    return compiled_solver(solve, criterion, longest=longest_step_of(scenario))
 
 
 def closed_loop(
-    model: SimulatedModel, controller: Controller, change: ParameterChange = PAPERS_CHANGE
+    model: SimulatedModel,
+    scenario: Scenario,
+    controller: Controller,
+    change: ParameterChange = PAPERS_CHANGE,
 ) -> Derivative:
-    """Return the right-hand side of the same loop, called from Python, for any plant."""
-    at, space = model.addresses, work_space(model)
-    lines: dict[Segment, Line] = {}
-    low, high = model.plant.limits.T
+    """Return the right-hand side of the same loop for an integrator in Python."""
+    laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
+    known: dict[Segment, tuple[Line, Law]] = {}
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
-        if segment not in lines:
-            lines.clear()
-            lines[segment] = line_of(model, segment, change)
-        x, rates = np.ascontiguousarray(state[: 2 * at.n]), np.empty(2 * at.n)
-        told = controller.assumed_values(segment.values_at(time))
-        command = np.atleast_1d(controller.command(time, x, told))
-        space.inputs[:] = np.clip(command, low, high)
-        forced_rates(at, lines[segment], space, time, x, rates)
+        if segment not in known:
+            known.clear()
+            known[segment] = line_of(model, segment, change), laws.along(segment)
+        line, law = known[segment]
+        x, rates = np.array(state[: 2 * n]), np.empty(2 * n)
+        with laws.watched():
+            _rates(model.addresses, line, space, law, time, x, rates)
         return rates
 
     return derivative

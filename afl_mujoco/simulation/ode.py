@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, kernel
+from afl_mujoco.compiled import Callback, borrowing_kernel, call, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller, compiled_force
+from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.laws import Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import (
     cart_acceleration,
@@ -21,7 +23,7 @@ from afl_mujoco.plant.dynamics import (
     velocity_jump,
 )
 from afl_mujoco.plant.stretching_rod import stretching_accelerations
-from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
+from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
@@ -36,9 +38,9 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,
-    MAX_STEP,
+    REACHED,
     RTOL,
-    Derivative,
+    Solver,
     Transition,
     along_z,
     compiled_solver,
@@ -46,7 +48,6 @@ from afl_mujoco.simulation.integrator import (
     longest_step_of,
     require_tolerances,
     scipy_solver,
-    segment_numbers,
 )
 from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
@@ -130,7 +131,7 @@ def solve_ode(
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
-    longest_step: float = MAX_STEP,
+    longest_step: float | None = None,
     change: ParameterChange | None = None,
     trees: Trees | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
@@ -146,114 +147,307 @@ def solve_ode(
         scenario, controller, times
     )  # raises before the run if a gain is not positive
     criterion = criterion_of(scenario)
-    if not scenario.is_cart_pole:
-        loop, arrive = plant_loop(scenario, controller, change, trees)
-    else:
-        loop, arrive = closed_loop(scenario, controller, change), transition(scenario, change)
-    if method != "DOP853" or controller.interpreted or not scenario.is_cart_pole:
-        solver = scipy_solver(
-            loop,
-            method,
-            rtol,
-            atol,
-            controller=controller.name,
-            criterion=criterion,
-            longest=longest_step_of(scenario),
-        )
-    else:
-        require_tolerances(method, rtol, atol)
-        compiled = compiled_loop(scenario, controller, change, criterion)
-        solver = compiled_solver(compiled, criterion, rtol, atol, longest_step)
+    require_tolerances(method, rtol, atol)
+    loop = Loop(scenario, change, trees, controller)
+    solver = loop.solver(criterion, rtol, atol, longest_step)
+    if method != "DOP853":
+        solver = scipy_solver(loop.derivative, criterion, method, rtol, atol)
     nodes = controller.nodes_within(scenario.spans)
-    states, outcome = integrate(scenario, solver, arrive, times, nodes=nodes)
+    states, outcome = integrate(scenario, solver, loop.arrive, times, nodes=nodes)
     return times[: len(states)], states, outcome
 
 
+PAPERS, ACCELERATIONS, TERMS = range(3)
+"""Kinds of equations: (P3) and (P4); accelerations of a plant; ``M v' + h = B u`` of one."""
+
+
+class Dynamics(NamedTuple):
+    """The equations of a plant as compiled code takes them."""
+
+    kind: int
+    n: int  # coordinates
+    k: int  # inputs
+    low: NDArray[np.float64]  # bounds of the inputs, (k,)
+    high: NDArray[np.float64]
+    address: int  # of its own equations, as `Equations.callback`
+    drag: int  # of what rates of parameters do, by how much accelerations fall; 0 for nothing
+
+
+class Line(NamedTuple):
+    """What is prescribed along a segment."""
+
+    start: float  # of the segment [s]
+    values: NDArray[np.float64]  # parameters at its start, (parameters,)
+    rates: NDArray[np.float64]  # and their rates [1/s]
+    push: NDArray[np.float64]  # disturbing forces on inputs, then along coordinates, (k + n,)
+    stretch: NDArray[np.float64]  # rate of l that acts on the cart-pole's rod (D9) [m/s], (1,)
+
+
+class Space(NamedTuple):
+    """Work space of a right-hand side."""
+
+    values: NDArray[np.float64]  # parameters, (parameters,)
+    inputs: NDArray[np.float64]  # of the controller, (k,)
+    acting: NDArray[np.float64]  # on the plant, (k,)
+    found: NDArray[np.float64]  # what the equations give
+    drag: NDArray[np.float64]  # (n,)
+
+
+def line_of(segment: Segment, change: ParameterChange) -> Line:
+    """Return what is prescribed along a segment, as compiled code takes it."""
+    values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
+    stretch = np.array([rates[2] if change.stretching else 0.0])
+    return Line(segment.start, values, rates, np.array(segment.push), stretch)
+
+
 @register_jitable
-def plant_at(numbers, time):
-    """Return (M, m, l, g) at a time of a segment, from the numbers of `segment_numbers`."""
-    elapsed = time - numbers[0]
-    mass, length = numbers[1] + numbers[2] * elapsed, numbers[3] + numbers[4] * elapsed
-    return mass, numbers[5], length, numbers[6]
+def values_at(line, time, values):
+    """Write the parameters at a time."""
+    for i in range(len(values)):
+        values[i] = line.values[i] + line.rates[i] * (time - line.start)
+
+
+@register_jitable
+def write_rates(dynamics, line, space, time, state, rates):
+    """Write the rates of a plant under ``space.inputs``, NaN where the controller has none."""
+    n, k = dynamics.n, dynamics.k
+    values_at(line, time, space.values)
+    for i in range(k):
+        if not abs(space.inputs[i]) < STATE_LIMIT:  # the run ends there
+            for j in range(2 * n):
+                rates[j] = np.nan
+            return
+    for i in range(n):
+        rates[i] = state[n + i]
+    if dynamics.kind == PAPERS:
+        _papers_accelerations(line, space, state, rates)
+    else:
+        _own_accelerations(dynamics, line, space, time, state, rates)
+
+
+@register_jitable
+def _own_accelerations(dynamics, line, space, time, state, rates):
+    """Write the accelerations of a plant by its own equations."""
+    n, k = dynamics.n, dynamics.k
+    for i in range(k):
+        limited = min(max(space.inputs[i], dynamics.low[i]), dynamics.high[i])
+        space.acting[i] = limited + line.push[i]
+    found = space.found
+    for i in range(len(found)):
+        found[i] = np.nan  # where the equations raise
+    call(dynamics.address, time, state, space.acting, space.values, found)
+    if dynamics.kind == TERMS:  # M v' = B u + forces along coordinates - h
+        for i in range(n):
+            total = line.push[k + i] - found[n * n + i]
+            for j in range(k):
+                total += found[n * n + n + i * k + j] * space.acting[j]
+            rates[n + i] = total
+        _solve_in_place(found[: n * n], rates[n:])
+    else:
+        for i in range(n):
+            rates[n + i] = found[i]
+    if dynamics.drag != 0:
+        for i in range(n):
+            space.drag[i] = np.nan
+        call(dynamics.drag, time, state, space.acting, space.values, space.drag)
+        for i in range(n):
+            rates[n + i] -= space.drag[i]
+
+
+@register_jitable
+def _papers_accelerations(line, space, state, rates):
+    """Write the accelerations of the cart-pole, of a rod that stretches where a rate acts."""
+    p, stretch = space.values, line.stretch[0]
+    given = (
+        state[1], state[3], space.inputs[0] + (line.push[0] + line.push[1]), p[0], p[1], p[2], p[3]
+    )  # fmt: skip
+    if stretch != 0.0:
+        rates[2], rates[3] = stretching_accelerations(*given, stretch)
+    else:
+        rates[2], rates[3] = cart_acceleration(*given), pole_acceleration(*given)
+
+
+@register_jitable
+def _solve_in_place(matrix, right):
+    """Replace b by the solution of A x = b, by elimination with the largest pivots.
+
+    matrix: A row by row, shape (n * n,); it is overwritten.
+    """
+    n = len(right)
+    for i in range(n):
+        best = i
+        for j in range(i + 1, n):
+            if abs(matrix[j * n + i]) > abs(matrix[best * n + i]):
+                best = j
+        for j in range(n):
+            one, other = matrix[i * n + j], matrix[best * n + j]
+            matrix[i * n + j], matrix[best * n + j] = other, one
+        one, other = right[i], right[best]
+        right[i], right[best] = other, one
+        for j in range(i + 1, n):
+            factor = matrix[j * n + i] / matrix[i * n + i]
+            for m in range(i + 1, n):
+                matrix[j * n + m] -= factor * matrix[i * n + m]
+            right[j] -= factor * right[i]
+    for i in range(n - 1, -1, -1):
+        for j in range(i + 1, n):
+            right[i] -= matrix[i * n + j] * right[j]
+        right[i] /= matrix[i * n + i]
+
+
+@register_jitable
+def loop_rates(arguments, time, state, rates):
+    """Write the rates of the loop of plant and controller, as the integrators need them.
+
+    `arguments` are the dynamics, the line that acts and the true one, the law and the work space.
+    """
+    dynamics, line, true, law, space = arguments
+    values_at(true, time, space.values)  # (D7): the controller knows M(t) and l(t)
+    command(law, time, state, space.values, space.inputs)
+    write_rates(dynamics, line, space, time, state, rates)
+
+
+@register_jitable
+def held_rates(arguments, time, state, rates):
+    """Write the rates of the plant under inputs that are held.
+
+    `arguments` are the dynamics, the line and the work space.
+    """
+    dynamics, line, space = arguments
+    write_rates(dynamics, line, space, time, state, rates)
 
 
 @kernel
-def write_rates(numbers, time, state, force, slopes):
-    """Write (z_dot, phi_dot, z'', phi'') under a force of the controller, NaN where it has none.
-
-    The rod stretches at the last of the numbers [m/s], zero for the frozen l of the paper.
-    """
-    mass, pole, length, gravity = plant_at(numbers, time)
-    phi, phi_dot, push, rate = state[1], state[3], numbers[7], numbers[8]
-    force = force + push if abs(force) < STATE_LIMIT else np.nan  # the run ends there
-    slopes[0], slopes[1] = state[2], phi_dot
-    if rate != 0.0:
-        slopes[2], slopes[3] = stretching_accelerations(
-            phi, phi_dot, force, mass, pole, length, gravity, rate
-        )
-    else:
-        slopes[2] = cart_acceleration(phi, phi_dot, force, mass, pole, length, gravity)
-        slopes[3] = pole_acceleration(phi, phi_dot, force, mass, pole, length, gravity)
-
-
-@register_jitable
-def compiled_command(numbers, assumed, compiled, time, state):
-    """Return the force [N] of a compiled controller; NaN for what it assumes means the truth."""
-    kind, table, masses, lengths = compiled
-    if np.isnan(assumed[0]):  # (D7): the controller knows M(t) and l(t)
-        assumed = plant_at(numbers, time)
-    return compiled_force(
-        kind, table, masses, lengths, state[0], state[1], state[2], state[3], assumed
-    )
-
-
-@register_jitable
-def loop_rates(arguments, time, state, slopes):
-    """Write the rates of the loop of plant and compiled controller, as the integrators need them.
-
-    `arguments` are the numbers of the segment, the assumed (M, m, l, g) and the controller.
-    """
-    numbers, assumed, compiled = arguments
-    force = compiled_command(numbers, assumed, compiled, time, state)
-    write_rates(numbers, time, state, force, slopes)
+def _rates(dynamics, line, law, space, time, state, rates):
+    """Write the rates of the loop for an integrator in Python."""
+    loop_rates((dynamics, line, line, law, space), time, state, rates)
 
 
 @borrowing_kernel
-def _solve(plant, assumed, compiled, limits, start, end, state, times, options, work, found):
-    """Integrate the compiled loop over a segment."""
+def _solve(dynamics, line, law, space, limits, start, end, state, times, options, work, found):
+    """Integrate the loop over a segment."""
     return dop853.solve(
-        loop_rates, (plant, assumed, compiled), limits, start, end, state, times, options,
+        loop_rates, (dynamics, line, line, law, space), limits, start, end, state, times, options,
         work, found,
     )  # fmt: skip
 
 
-def compiled_loop(
-    scenario: Scenario, controller: Controller, change: ParameterChange, criterion: Criterion
-) -> Callable[..., tuple[int, float, int]]:
-    """Return the solver of the closed loop over a segment, as `compiled_solver` takes it."""
-    compiled, assumed = (
-        tuple(controller.compiled_for(scenario.plants)),
-        controller.assumed_parameters(*[np.nan] * 4),
-    )
+class Motion:
+    """The equations of a plant on a scenario.
 
-    def solve(segment: Segment, *rest: Any) -> Any:
-        plant = segment_numbers(scenario, segment, change)
-        return _solve(plant, assumed, compiled, criterion, segment.start, segment.end, *rest)
+    They say nothing of the rates of parameters: where these act, a tree says what they do.
+    """
 
-    return solve
+    def __init__(
+        self, scenario: Scenario, change: ParameterChange, trees: Trees | None = None
+    ) -> None:
+        plant, self.scenario, self.change, self.trees = scenario.plant, scenario, change, trees
+        n, k, j = len(plant.coordinates), len(plant.inputs), len(plant.parameters)
+        self.equations: Equations | None = None
+        self.called: list[Callback] = []
+        kind, size, address = PAPERS, 0, 0
+        if scenario.is_cart_pole:
+            for segment in scenario.segments:
+                along_z(segment.push)  # raises if it acts elsewhere
+        else:
+            require_equations(scenario, change)
+            self.equations = load_equations(plant, _points(scenario))
+            kind, size = TERMS if plant.terms else ACCELERATIONS, self.equations.size
+            address = self.equations.callback.address
+            self.called.append(self.equations.callback)
+        self.drag = Callback(self._drag, (2 * n, k, j, n))
+        self.called.append(self.drag)
+        low, high = plant.limits.T.copy()
+        self.segment = scenario.segments[0]  # what is integrated now
+        self.dynamics = Dynamics(kind, n, k, low, high, address, 0)
+        self.space = Space(*(np.zeros(count) for count in (j, k, k, size, n)))
+
+    def _drag(self, time: float, state: Any, _: Any, __: Any, out: NDArray[np.float64]) -> None:
+        """Write by how much rates of parameters lower the accelerations."""
+        trees = _given(self.trees).along(self.segment, time)
+        needed, inertia = _needed(*trees, *np.split(state, 2))
+        out[:] = np.linalg.solve(inertia, needed)
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Run compiled code that calls what is not compiled; raise what that raised."""
+        with ExitStack() as stack:
+            for one in self.called:
+                stack.enter_context(one.watched())
+            yield
+
+    def along(self, segment: Segment) -> Dynamics:
+        """Return the equations along a segment, with what rates do where they act."""
+        pairs = zip(self.scenario.plant.entering, segment.lines, strict=True)
+        acts = self.equations is not None and any(rate for enters, (_, rate) in pairs if enters)
+        return self.dynamics._replace(drag=self.drag.address if acts else 0)
+
+    def require_equations_at(
+        self, state: NDArray[np.float64], time: float, segment: Segment
+    ) -> None:
+        """Raise what the equations raise at a state where a run ended."""
+        if self.equations is not None and np.isfinite(state).all():
+            n, none = self.dynamics.n, np.empty(self.equations.size)
+            p, inputs = segment.values_at(time), np.zeros(self.dynamics.k)
+            self.equations.fill(state[:n].copy(), state[n : 2 * n].copy(), inputs, p, none)
+
+    @property
+    def arrive(self) -> Transition:
+        """The effect of a breakpoint on the state."""
+        if self.equations is None:
+            return transition(self.scenario, self.change)
+        return _arrival(self.scenario, self.equations, self.trees)
 
 
-def closed_loop(scenario: Scenario, controller: Controller, change: ParameterChange) -> Derivative:
-    """Return the right-hand side of the closed loop of plant and controller, called from Python."""
+class Loop(Motion):
+    """The loop of a plant's own equations and a controller."""
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
-        numbers, slopes = segment_numbers(scenario, segment, change), np.empty(4)
-        assumed = controller.assumed_parameters(*plant_at(numbers, time))
-        force = controller.command(time, state[:4], np.array(assumed))
-        write_rates(numbers, time, state, force, slopes)
-        return slopes
+    def __init__(
+        self,
+        scenario: Scenario,
+        change: ParameterChange,
+        trees: Trees | None,
+        controller: Controller,
+        *,
+        continuous: bool = True,
+    ) -> None:
+        """Take a controller that is evaluated continuously, or one that is held."""
+        super().__init__(scenario, change, trees)
+        self.laws = Laws(controller, scenario, continuous=continuous)
+        if self.laws.callback is not None:
+            self.called.append(self.laws.callback)
 
-    return derivative
+    def _on(self, segment: Segment) -> tuple[Dynamics, Line, Law]:
+        """Return what compiled code takes along a segment."""
+        self.segment = segment
+        return self.along(segment), line_of(segment, self.change), self.laws.along(segment)
+
+    def derivative(self, time: float, state: NDArray[np.float64], segment: Segment) -> Any:
+        """Return the rates of the loop, called from Python."""
+        rates = np.empty(2 * self.dynamics.n)
+        with self.watched():
+            _rates(*self._on(segment), self.space, time, np.array(state[: len(rates)]), rates)
+        return rates
+
+    def solver(
+        self, criterion: Criterion, rtol: float = RTOL, atol: float = ATOL,
+        longest: float | None = None,
+    ) -> Solver:  # fmt: skip
+        """Return DOP853 of the loop over a segment.
+
+        longest: Longest step [s].
+        """
+
+        def solve(segment: Segment, *rest: Any) -> Any:
+            span = segment.start, segment.end
+            with self.watched():
+                found = _solve(*self._on(segment), self.space, criterion, *span, *rest)
+            if found[2] != REACHED:
+                self.require_equations_at(rest[0], found[1], segment)
+            return found
+
+        longest = longest_step_of(self.scenario) if longest is None else longest
+        return compiled_solver(solve, criterion, rtol, atol, longest)
 
 
 def transition(scenario: Scenario, change: ParameterChange) -> Transition:
@@ -292,44 +486,15 @@ class Trees(Protocol):
         """Return both at a time of a segment."""
 
 
-def plant_loop(
-    scenario: Scenario,
-    controller: Controller,
-    change: ParameterChange,
-    trees: Trees | None = None,
-) -> tuple[Derivative, Transition]:
-    """Return the loop of any plant's own equations and its controller, called from Python.
-
-    Equations say nothing of the rates of parameters: where these act, a tree says what they do.
-    """
+def _arrival(scenario: Scenario, equations: Equations, trees: Trees | None) -> Transition:
+    """Return the effect of a breakpoint on the state of any plant, from its own equations."""
     plant = scenario.plant
-    n, k = len(plant.coordinates), len(plant.inputs)
-    require_equations(scenario, change)
-    enters = plant.entering
-    low, high = plant.limits.T
-    equations = load_equations(plant, _points(scenario))
-    size = n * (n + 1 + k) if plant.terms else n
+    n, k, enters = len(plant.coordinates), len(plant.inputs), plant.entering
 
     def terms(q: NDArray[np.float64], v: NDArray[np.float64], p: NDArray[np.float64]) -> Any:
-        found = np.empty(size)
+        found = np.empty(equations.size)
         equations.fill(q, v, np.zeros(k), p, found)
         return split(plant, found[None])
-
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
-        p, x = segment.values_at(time), np.ascontiguousarray(state[: 2 * n])
-        u = np.atleast_1d(controller.command(time, x, controller.assumed_values(p)))
-        if not (np.abs(u) < STATE_LIMIT).all():
-            return np.full(2 * n, np.nan)
-        push = np.array(segment.push)
-        u = np.minimum(np.maximum(u, low), high) + push[:k]
-        found = np.empty(size)
-        equations.fill(x[:n], x[n:], u, p, found)
-        if plant.terms:
-            mass, bias, inputs = split(plant, found[None])
-            found = np.linalg.solve(mass[0], inputs[0] @ u + push[k:] - bias[0])
-        if enters.any():
-            found = found - _drag(trees, enters, segment, time, x)
-        return np.concatenate([x[n:], found])
 
     def arrive(
         state: NDArray[np.float64], before: Segment | None, after: Segment
@@ -354,22 +519,7 @@ def plant_loop(
             state[n:] -= np.linalg.solve(inertia, momenta)
         return state
 
-    return derivative, arrive
-
-
-def _drag(
-    trees: Trees | None,
-    enters: NDArray[np.bool_],
-    segment: Segment,
-    time: float,
-    state: NDArray[np.float64],
-) -> Any:
-    """Return by how much rates of parameters lower the accelerations."""
-    if not any(rate for enter, (_, rate) in zip(enters, segment.lines, strict=True) if enter):
-        return 0.0
-    n = len(state) // 2
-    needed, inertia = _needed(*_given(trees).along(segment, time), state[:n], state[n:])
-    return np.linalg.solve(inertia, needed)
+    return arrive
 
 
 def _carried(

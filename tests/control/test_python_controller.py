@@ -21,10 +21,10 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
+from afl_mujoco.control import laws
 from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.simulation import integrator
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
@@ -614,7 +614,7 @@ def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuousl
 
 @pytest.mark.parametrize("name", ["fixed-retuned", "adaptive"])
 def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(name, monkeypatch):
-    monkeypatch.setattr(integrator, "MOST_EVALUATIONS", integrator.MOST_EVALUATIONS // 20)
+    monkeypatch.setattr(laws, "MOST_EVALUATIONS", laws.MOST_EVALUATIONS // 20)
     compiled = CONTROLLERS[name]
     mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
     run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)

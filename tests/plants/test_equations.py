@@ -55,7 +55,7 @@ def test_compiled_code_that_gives_other_numbers_is_not_used(
     def wrong(q, v, u, p, out):
         out[:] = 1.0
 
-    monkeypatch.setattr(equations, "_compiled", lambda plant: wrong)
+    monkeypatch.setattr(equations, "_compiled", lambda plant: (wrong, None))
     assert (
         load_equations(plant, points(plant)).how == "interpreted: compiled, they give other numbers"
     )

@@ -23,12 +23,12 @@ WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
 
 
 def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
-    loop = ode.closed_loop(scenario, controller, change)
+    loop = ode.Loop(scenario, change, None, controller)
     times = time_grid(scenario, period)
     criterion = criterion_of(scenario)
-    solver = scipy_solver(loop, **tolerances, controller="tested", criterion=criterion)
+    solver = scipy_solver(loop.derivative, criterion, **tolerances)
     nodes = controller.nodes_within(scenario.spans)
-    return integrate(scenario, solver, ode.transition(scenario, change), times, nodes=nodes)
+    return integrate(scenario, solver, loop.arrive, times, nodes=nodes)
 
 
 @pytest.mark.parametrize("change", [PAPER, WHOLE], ids=["paper", "stretching rod"])
@@ -54,8 +54,8 @@ def test_exact_mode_is_scipys_on_mujocos_dynamics():
     controller = afl.CONTROLLERS["adaptive"]
     run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
     model = CartPoleModel(SCENARIO.parameters_at(0.0))
-    loop = mujoco_dynamics.closed_loop(model, controller, PAPER)
-    solver = scipy_solver(loop, controller="tested", criterion=criterion_of(SCENARIO))
+    loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
+    solver = scipy_solver(loop, criterion_of(SCENARIO))
     arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)
     states, _ = integrate(SCENARIO, solver, arrive, time_grid(SCENARIO, 1e-2))
     assert np.abs(run.state - states).max() < 1e-11

@@ -35,7 +35,7 @@ def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
         jump = jump_at(state, mass, length, after.impulse[0])
         return state + np.array([0.0, 0.0, *jump])
 
-    solver = scipy_solver(rate, controller="none", criterion=criterion_of(scenario))
+    solver = scipy_solver(rate, criterion_of(scenario))
     states, outcome = integrate(scenario, solver, arrive, times)
     return times, states, outcome
 

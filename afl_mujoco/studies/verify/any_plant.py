@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import mujoco
 import numpy as np
@@ -19,16 +18,12 @@ from afl_mujoco.scenario.sampling import held_disturbances, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import (
     integrate,
-    longest_step_of,
-    rk4_step,
-    scipy_solver,
-    work_space,
 )
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
-from afl_mujoco.simulation.ode import plant_loop, require_equations
-from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
+from afl_mujoco.simulation.ode import Loop, require_equations
+from afl_mujoco.simulation.ode_fixed_step import held_steps, simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, reported_runs
@@ -261,13 +256,8 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
 
     It restarts within segments: what happens at a breakpoint is compared as well.
     """
-    loop, arrive = plant_loop(scenario, controller, ParameterChange(), MovingTrees(scenario.plant))
-    solver = scipy_solver(
-        loop,
-        controller=controller.name,
-        criterion=criterion_of(scenario),
-        longest=longest_step_of(scenario),
-    )
+    loop = Loop(scenario, ParameterChange(), MovingTrees(scenario.plant), controller)
+    solver = loop.solver(criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
     marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))
 
@@ -288,7 +278,7 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
         time_grid(scenario, float(exact.time[1])),
         controller.nodes_within(scenario.spans),
     )
-    states, outcome = integrate(scenario, restarting, arrive, times, nodes=nodes)
+    states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
     return _distance(states, exact.state) if outcome.kind == exact.outcome.kind else math.inf
 
 
@@ -297,14 +287,9 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
 
     It is relative to 1 + |x|. Steps are left out in which momenta or masses jump, or rates act.
     """
-    held = SimpleNamespace(assumed_values=lambda values: values)
-    derivative, _ = plant_loop(scenario, held, ParameterChange())  # type: ignore[arg-type]
-    timestep = run.provenance["settings"]["timestep"]
     middles = 0.5 * (run.time[:-1] + run.time[1:])
-    values = scenario.values(middles)
     disturbed = held_disturbances(scenario, run.time)
-    none, work, worst = (0.0,) * disturbed.impulse.shape[1], work_space(run.state.shape[1]), 0.0
-    after, struck = np.empty(run.state.shape[1]), np.asarray(disturbed.impulse.any(axis=1))
+    struck = np.asarray(disturbed.impulse.any(axis=1))
     # one at the start of a step is in the state there, at the end of the step before
     jumped = np.logical_and(struck, disturbed.split > 0.0)
     jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
@@ -314,20 +299,9 @@ def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
     jumped |= acts.any(axis=1)
     jumped[:-1] |= (np.diff(acts, axis=0) != 0.0).any(axis=1)
 
-    def rates(segment: Segment, time: float, state: Floats, slopes: Floats) -> None:
-        slopes[:] = derivative(time, state, segment)
-
-    for k, (row, push) in enumerate(zip(values.tolist(), disturbed.push.tolist(), strict=True)):
-        step = float(run.time[k + 1] - run.time[k])
-        step = timestep if abs(step - timestep) < 1e-9 else step
-        if jumped[k]:
-            continue
-        held.command = lambda *_, force=run.inputs[k]: force
-        segment = Segment(0.0, step, tuple((x, 0.0) for x in row), tuple(push), none)
-        rk4_step(rates, segment, 0.0, step, run.state[k].copy(), work, after)
-        gap = np.abs(run.state[k + 1] - after) / (1.0 + np.abs(after))
-        worst = max(worst, float(gap.max()) if np.isfinite(gap).all() else math.inf)
-    return worst
+    after = held_steps(scenario, run)
+    gap = (np.abs(run.state[1:] - after) / (1.0 + np.abs(after)))[~jumped]
+    return float(gap.max(initial=0.0)) if np.isfinite(gap).all() else math.inf
 
 
 def require_comparable(scenario: Scenario) -> None:

@@ -194,7 +194,8 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
     own; what a parameter change adds is booked by the analytic energy and momentum.
     """
     model = SimulatedModel(scenario.plant, edit=_measure_energy)
-    rate, arrive = closed_loop(model, controller), transition(model, scenario)
+    rate = closed_loop(model, scenario, controller)
+    arrive = transition(model, scenario)
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Sequence[float]:
         motion = rate(time, state, segment)
@@ -218,7 +219,7 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
 
     times = time_grid(scenario, SAMPLE_PERIOD)
     criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
-    solver = scipy_solver(derivative, controller=controller.name, criterion=criterion)
+    solver = scipy_solver(derivative, criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
     return _close(model, scenario, controller, times[: len(states)], states)
 
