@@ -7,6 +7,7 @@ import html
 import json
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from importlib.metadata import version
@@ -425,16 +426,29 @@ def signals_of(
     states, values: States and parameters, shapes (N, 2 n) and (N, parameters).
     """
     n, found = len(plant.coordinates), {}
-    if not plant.signals:
-        return {}
-    named = [plant.named(row) for row in values]
-    for name, signal in plant.signals.items():
+
+    def each(name: str, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         with told_of(f"signal {name!r}"):
-            rows = [signal(x[:n], x[n:], p) for x, p in zip(states, named, strict=True)]
+            given = ((states[k], plant.named(values[k])) for k in rows)
+            several = [plant.signals[name](x[:n], x[n:], p) for x, p in given]
         try:
-            found[name] = np.array(rows, dtype=np.float64).reshape(len(states))
+            return np.array(several, dtype=np.float64).reshape(len(rows))
         except (TypeError, ValueError):
             raise InvalidValueError(f"signal {name!r}", "must be one number") from None
+
+    every = np.arange(len(states))
+    some = np.unique(np.linspace(0, len(states) - 1, 9).astype(np.intp))
+    for name, signal in plant.signals.items():
+        whole, expected = None, each(name, some)
+        with suppress(Exception), np.errstate(all="ignore"):  # a function of numbers alone
+            q, v = np.split(states.T.copy(), 2)
+            whole = np.asarray(signal(q, v, plant.named(values)), dtype=np.float64)
+        if whole is not None and whole.shape == every.shape:
+            slack = 1e-13 * float(np.abs(expected).max(initial=0.0))
+            if np.allclose(whole[some], expected, rtol=1e-13, atol=slack):
+                found[name] = whole
+                continue
+        found[name] = each(name, every)
     return found
 
 
