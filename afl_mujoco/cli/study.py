@@ -25,6 +25,7 @@ from afl_mujoco.cli.terminal import (
     typed,
 )
 from afl_mujoco.errors import FileError
+from afl_mujoco.report.blocks import REPLAY
 from afl_mujoco.studies.contract import Interrupted, Progress, Study
 from afl_mujoco.studies.registry import Listed, find_study, listed
 
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from afl_mujoco.studies.record import Record
 
 TITLE = "Controllers in MuJoCo"
+
+DRAWN = (".svg", ".png", REPLAY)
+"""Endings of the files of figures and replays."""
 
 
 def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
@@ -106,7 +110,7 @@ def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
 
     blocks: list[Block] = [*warnings]
     for record in records:
-        data = [f for f in record.files if not f.endswith((".svg", ".png"))]
+        data = [f for f in record.files if not f.endswith(DRAWN)]
         made_by = ", ".join(f"{name} {number}" for name, number in record.versions.items())
         files = ", ".join(map(code, (f"{record.study.stem}.json", *data)))
         blocks.append(f"{code(record.command)} made {files}, with {made_by}.")
@@ -240,7 +244,7 @@ def inputs_of(request: Any) -> dict[str, str]:
 
 def _told(files: Sequence[Path]) -> str:
     """Return files in a line, figures and a folder's many scenario files only counted."""
-    figures = [file for file in files if file.suffix in (".svg", ".png")]
+    figures = [file for file in files if file.name.endswith(DRAWN)]
     told = [str(file) for file in files if file not in figures and file.suffix != ".toml"]
     scenarios = sorted((file for file in files if file.suffix == ".toml"), key=lambda f: f.parent)
     for folder, group in itertools.groupby(scenarios, key=lambda file: file.parent):

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.simulation.poses import SMOOTHING
 
 SLOPE = tan(radians(15.0))
 """Half of the picture's height over the distance: the field of view of ``models/scene.xml``."""
@@ -17,9 +18,6 @@ SLOPE = tan(radians(15.0))
 ELEVATION = -9.0  # angle of the line of sight above the horizon [deg]
 
 TILT = radians(ELEVATION)
-
-SMOOTHING = 0.35
-"""Standard deviation of the window over which the camera averages the cart's position [s]."""
 
 TRACK = -0.3  # height of the track [m]
 

@@ -2,33 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
-from afl_mujoco.films.camera import SMOOTHING, Frame
+from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import Replay
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
-
-CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
+from afl_mujoco.simulation.poses import FLAT, corners, follow, kept
 
 AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
 """By how much the camera looks past the plane of motion, and above the horizon [deg]: at a motion
 in a plane, and at any other."""
-
-FLAT = 0.05
-"""Motion is in a plane if centres of mass spread less than this share as far across it."""
-
-FAR = 4.0
-"""The camera stands still as long as the plant stays within this many times its own size."""
-
-LOST = 50.0
-"""Beyond this many times its own size from the camera's aim a plant is not kept in view."""
 
 Floats = NDArray[np.float64]
 
@@ -70,20 +58,8 @@ def watch(
     if model.mj_model.ncam:
         return [Standpoint(size=size) for _ in replays]
     seen = [_moving(model, replay) for replay in replays]  # (frames, points, 3) each
-    everything = np.concatenate([points.reshape(-1, 3) for points in seen])
-    own = max(float(np.ptp(points, axis=1).max()) for points in seen) or 1.0
-    still = float(np.ptp(everything, axis=0).max()) <= FAR * own
-    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
-    aims = []
-    for points in seen:
-        centres = 0.5 * (points.min(axis=1) + points.max(axis=1))
-        path = gaussian_filter1d(centres, SMOOTHING * fps, axis=0, mode="nearest")
-        aims.append(np.broadcast_to(middle, path.shape) if still else path)
-    around = np.concatenate(
-        [(x - aim[:, None]).reshape(-1, 3) for x, aim in zip(seen, aims, strict=True)]
-    )
-    near = (np.abs(around) < LOST * own).all(axis=1)
-    around = around[near] if near.any() else np.zeros((1, 3))
+    aims, _, own = follow(seen, fps)
+    around = kept(seen, aims, own)
     bodies = int(np.count_nonzero(model.mj_model.body_weldid))
     centres = np.concatenate([points[:, :bodies].reshape(-1, 3) for points in seen])
     width, depth = np.ptp(centres[:, 0]), np.ptp(centres[:, 1])
@@ -113,25 +89,8 @@ def _moving(model: SimulatedModel, replay: Replay) -> Floats:
         model.write(replay.values[index])
         write_state(model.addresses, replay.state[index])
         mujoco.mj_kinematics(m, d)
-        half = np.array([_half(m, g) for g in geoms.tolist()]).reshape(-1, 1, 3)
-        turned = d.geom_xmat[geoms].reshape(-1, 3, 3)
-        corners = d.geom_xpos[geoms][:, None] + (half * CORNERS) @ turned.transpose(0, 2, 1)
-        points[:] = np.concatenate([d.xipos[bodies], corners.reshape(-1, 3)])
+        points[:] = np.concatenate([d.xipos[bodies], corners(m, d, geoms.tolist())])
     return found
-
-
-def _half(m: mujoco.MjModel, geom: int) -> Floats:
-    """Return the half-size of a box around a geom [m]."""
-    kind, size, kinds = m.geom_type[geom], m.geom_size[geom], mujoco.mjtGeom
-    if kind == kinds.mjGEOM_SPHERE:
-        return np.full(3, size[0])
-    if kind == kinds.mjGEOM_CAPSULE:
-        return np.array([size[0], size[0], size[0] + size[1]])
-    if kind == kinds.mjGEOM_CYLINDER:
-        return np.array([size[0], size[0], size[1]])
-    if kind in (kinds.mjGEOM_BOX, kinds.mjGEOM_ELLIPSOID):
-        return np.array(size)
-    return np.full(3, m.geom_rbound[geom])
 
 
 def _axes(azimuth: float, elevation: float) -> Floats:

@@ -16,6 +16,9 @@ Status = Literal["", "good", "neutral", "bad", "open"]
 MARKS: Mapping[str, str] = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 """Mark before a cell, so that its status does not depend on colour alone."""
 
+REPLAY = ".replay.json"
+"""Ending of the file of a replay."""
+
 NUMBERS = "0123456789−-<>+–±"
 """Beginnings of what is aligned as a number."""
 
@@ -84,13 +87,18 @@ class Figure:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Chart:
-    """Curves that a page draws and that a reader can zoom into."""
+class Replay:
+    """Runs that move on a page, with a slider of time; computed when its file is written."""
 
-    anchor: str  # unique in the report
+    name: str  # of its file, without suffix
     title: str
-    quantities: Sequence[tuple[str, str, str]]  # key, symbol and name of what can be shown
-    data: Mapping[str, Any]  # what the page's script draws
+    caption: str = ""
+    compute: Callable[[], Mapping[str, Any]]  # what the page's script draws
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Name of its file by its format."""
+        return {"json": f"{self.name}{REPLAY}"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -129,7 +137,7 @@ class Section:
                 yield from block.walk()
 
 
-Block: TypeAlias = str | Matrix | Figure | Chart | Film | Section
+Block: TypeAlias = str | Matrix | Figure | Film | Replay | Section
 """A string is Markdown."""
 
 
@@ -153,9 +161,14 @@ def figures_of(blocks: Sequence[Block]) -> list[Figure]:
     return [block for block in Section("", "", blocks).walk() if isinstance(block, Figure)]
 
 
+def drawn_of(blocks: Sequence[Block]) -> list[Figure | Replay]:
+    """Return the figures and replays of blocks, in order."""
+    return [block for block in Section("", "", blocks).walk() if isinstance(block, Figure | Replay)]
+
+
 def without_figures(blocks: Sequence[Block]) -> list[Block]:
-    """Return blocks without figures, where these are not drawn."""
-    kept = [block for block in blocks if not isinstance(block, Figure)]
+    """Return blocks without figures and replays, where these are not drawn."""
+    kept = [block for block in blocks if not isinstance(block, Figure | Replay)]
     return [
         replace(one, blocks=without_figures(one.blocks)) if isinstance(one, Section) else one
         for one in kept

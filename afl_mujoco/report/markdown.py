@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 
-from afl_mujoco.report.blocks import Block, Chart, Figure, Film, Matrix, Section
+from afl_mujoco.report.blocks import Block, Figure, Film, Matrix, Replay, Section
 
 _SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
 
@@ -31,7 +31,7 @@ def _parts(found: Sequence[Block], level: int) -> Iterator[str]:
         elif isinstance(block, Film):
             said = f"**{plain(block.title)}.** {plain(block.caption)}"
             yield f"{said} {code(block.command)} makes it."
-        elif not isinstance(block, Chart):  # it needs a page's script
+        elif not isinstance(block, Replay):  # it needs a page's script
             raise TypeError(block)
 
 

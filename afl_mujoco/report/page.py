@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import io
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -20,10 +21,18 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image, UnidentifiedImageError
 
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, reading
 from afl_mujoco.files import inside
 from afl_mujoco.report import numbers
-from afl_mujoco.report.blocks import Chart, Figure, Film, Matrix, Report, Section, figures_of
+from afl_mujoco.report.blocks import (
+    Figure,
+    Film,
+    Matrix,
+    Replay,
+    Report,
+    Section,
+    drawn_of,
+)
 
 PACKAGE = "afl_mujoco.report"
 
@@ -40,7 +49,7 @@ _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
     'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
 )
-_KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Chart: "chart", Film: "film"}
+_KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay: "replay"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,10 +72,14 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
     """
     sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
     every = [block for section in (*sections, *last) for block in section.walk()]
+    drawn = [(one, part.folders) for part in parts for one in drawn_of(part.report.blocks)]
     pictures = {
-        figure.name: find_picture(figure.files, part.folders)
-        for part in parts
-        for figure in figures_of(part.report.blocks)
+        one.name: find_picture(one.files, folders)
+        for one, folders in drawn
+        if isinstance(one, Figure)
+    }
+    replays = {
+        one.name: find_replay(one, folders) for one, folders in drawn if isinstance(one, Replay)
     }
     judged = [part.report for part in parts if part.report.passed is not None]
     worst = min(judged, key=lambda report: bool(report.passed), default=None)
@@ -86,7 +99,7 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
             last=last,
             pictures=pictures,
             films=show_films([one for one in every if isinstance(one, Film)], page_folder),
-            charts=[one for one in every if isinstance(one, Chart)],
+            replays=replays,
         )
         + "\n"
     )
@@ -140,14 +153,12 @@ def _asset(name: str) -> str:
 
 def _style() -> Markup:
     """Return the style sheet."""
-    return Markup(_asset("vendor/uPlot.min.css") + "\n" + _asset("assets/page.css"))
+    return Markup(_asset("assets/page.css") + _asset("assets/replay.css"))
 
 
 def _script() -> Markup:
-    """Return the script, with the licence of the library in it."""
-    licence = f"/*! uPlot\n{_asset('vendor/uPlot.LICENSE')}*/\n"
-    parts = ("vendor/uPlot.iife.min.js", "assets/charts.js", "assets/page.js")
-    return Markup(licence + "\n".join(_asset(part) for part in parts))
+    """Return the script."""
+    return Markup(_asset("assets/replay.js") + _asset("assets/page.js"))
 
 
 # --- pictures and films -------------------------------------------------------------------------
@@ -173,6 +184,16 @@ def find_picture(files: Mapping[str, str], folders: Sequence[Path]) -> Picture |
                 return Picture(data_uri("image/svg+xml", svg), width, height)
             return Picture(data_uri("image/png", png), width, height)
     return None
+
+
+def find_replay(one: Replay, folders: Sequence[Path]) -> Any:
+    """Return what the script draws; None if its file is missing."""
+    paths = [inside(folder, name) for folder in folders for name in one.files.values()]
+    there = next((path for path in paths if path.is_file()), None)
+    if there is None:
+        return None
+    with reading(there, "is not a replay"):
+        return json.loads(_read(there))
 
 
 def _read(path: Path) -> bytes:

@@ -39,7 +39,13 @@ from afl_mujoco.studies.contract import (
 )
 from afl_mujoco.studies.robustness import require_runs
 from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
-from afl_mujoco.studies.tables import grouped, metrics_matrix, passes, requirements_matrix
+from afl_mujoco.studies.tables import (
+    grouped,
+    metrics_matrix,
+    passes,
+    replay,
+    requirements_matrix,
+)
 
 if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
@@ -397,7 +403,11 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
     """Return what is shown of a scenario."""
     facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
     blocks: list[Block] = [_matrix(result, scenario), *_remarks(result, scenario)]
-    if result.curves_on(scenario):
+    if runs := result.curves_on(scenario):
+        first = [run for run in result.rows if (run.scenario, run.draw) == (scenario.name, 0)]
+        endings = {run.controller: run.ending for run in first}
+        moving = {name: (one.time, one.state) for name, one in runs.items()}
+        blocks.append(replay(f"compare-{number}", scenario, moving, endings))
         blocks.append(
             Figure(
                 name=f"compare-{number}",

@@ -27,7 +27,7 @@ from afl_mujoco.files import (
     write_text,
 )
 from afl_mujoco.pool import compute_all, interrupts_put_off, is_interrupt, open_executor
-from afl_mujoco.report.blocks import Figure, Report, Section, figures_of, without_figures
+from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
 from afl_mujoco.studies.arrays import packed, unpacked
@@ -113,7 +113,7 @@ def save_record(
             failure = error
 
     with hidden_folder(folder, "results") as staging:
-        attempt(lambda: _draw(figures_of(shown), staging, workers, progress))
+        attempt(lambda: _draw(drawn_of(shown), staging, workers, progress))
         if failure is not None:
             for drawn in staging.iterdir():
                 drawn.unlink()
@@ -153,13 +153,22 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _draw(figures: Sequence[Figure], folder: Path, workers: int, progress: Progress) -> None:
-    """Draw figures and write them into a folder."""
-    if not figures:
+def _draw(shown: Sequence[Figure | Replay], folder: Path, workers: int, progress: Progress) -> None:
+    """Draw figures, compute replays, and write them into a folder."""
+    if not shown:
         return
-    advance = counted(progress, "drawing", len(figures))
-    with open_executor(min(workers, len(figures))) as executor:
-        compute_all(partial(write_figure, folder=folder), figures, executor, advance)
+    advance = counted(progress, "drawing", len(shown))
+    with open_executor(min(workers, len(shown))) as executor:
+        compute_all(partial(_write, folder=folder), shown, executor, advance)
+
+
+def _write(shown: Figure | Replay, folder: Path) -> None:
+    """Write the files of a figure or a replay."""
+    if isinstance(shown, Figure):
+        write_figure(shown, folder)
+        return
+    (name,) = shown.files.values()
+    write_text(folder / name, json.dumps(shown.compute(), allow_nan=False) + "\n")
 
 
 def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]) -> str:
@@ -245,8 +254,8 @@ def remove_record(study: Study, folder: Path) -> None:
         with reading(path, "is not a record"):
             listed = dict(json.loads(read_utf8(path))["files"])
             record = load_record(study, folder)
-            figures = figures_of(record.report.blocks)
-            drawn = {name for figure in figures for name in figure.files.values()}
+            shown = drawn_of(record.report.blocks)
+            drawn = {name for one in shown for name in one.files.values()}
     except FileError:
         listed, drawn = {}, set()
     own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from statistics import median
+from typing import Any
 
-from afl_mujoco.report.blocks import Cell, Matrix, Status
+from afl_mujoco.report.blocks import Cell, Matrix, Replay, Status
 from afl_mujoco.report.numbers import MISSING, percent, short
 from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.metrics import effort_names, label_of, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout
+from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.run import Run
 
 ENDINGS = {
@@ -30,6 +33,29 @@ NEVER = "never"
 def how(failure: str) -> str:
     """Return how a run fails, in words: the same in every study."""
     return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
+
+
+def replay(
+    name: str,
+    scenario: Scenario,
+    runs: Mapping[str, tuple[Array, Array]],
+    endings: Mapping[str, str],
+) -> Replay:
+    """Return runs that a page replays, by controller: instants [s] and states, and how it ended."""
+    early = {name: words for name, words in endings.items() if words != COMPLETED}
+    return Replay(
+        name=name,
+        title=f"{scenario.name} as it moves",
+        caption="In MuJoCo as deployed. Space plays and pauses, the arrows step.",
+        compute=partial(_replayed, scenario, runs, early),
+    )
+
+
+def _replayed(*arguments: Any) -> Mapping[str, Any]:
+    """Return what a page needs for a replay."""
+    from afl_mujoco.simulation.poses import replay_data  # not before MuJoCo may be imported
+
+    return replay_data(*arguments)
 
 
 def passes(runs: Sequence[Run]) -> str:

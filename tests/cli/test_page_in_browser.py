@@ -6,9 +6,7 @@ Skipped where they are not installed; failed instead where AFL_MUJOCO_REQUIRE_BR
 from __future__ import annotations
 
 import base64
-import math
 import os
-import re
 import shutil
 import urllib.parse
 from collections.abc import Iterator
@@ -22,8 +20,10 @@ import pytest
 
 from afl_mujoco.cli.study import write_page
 from afl_mujoco.report import page as page_module
+from afl_mujoco.studies.record import Record, save_record
+from afl_mujoco.studies.registry import find_study
 from tests import study_results
-from tests.verification_result import NASTY, film_entry, write_listing
+from tests.verification_result import NASTY, film_entry, make_result, write_listing
 
 pytestmark = pytest.mark.slow
 
@@ -118,18 +118,30 @@ def wait(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
     return WebDriverWait(browser, PATIENCE, 0.05).until(lambda b: ask(b, script, *arguments))
 
 
-def charts(browser: webdriver.Chrome) -> WebElement:
-    """Return the charts of the first scenario, unfolded and drawn."""
-    browser.execute_script("document.getElementById('scenario-1').open = true")
-    found = browser.find_element(By.CSS_SELECTOR, ".charts")
+def replay(browser: webdriver.Chrome) -> WebElement:
+    """Return the replay of the scenario that is pictured first, drawn."""
+    found = browser.find_element(By.CSS_SELECTOR, ".replay")
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
-    wait(browser, "arguments[0].querySelectorAll('canvas').length === 2", found)
+    wait(browser, "[...arguments[0].querySelectorAll('canvas')].every(c => c.dataset.frame)", found)
     return found
 
 
-def shown(browser: webdriver.Chrome, found: WebElement) -> tuple[float, float]:
-    low, high = ask(browser, "[arguments[0].dataset.low, arguments[0].dataset.high]", found)
-    return float(low), float(high)
+def time_of(browser: webdriver.Chrome, found: WebElement) -> float:
+    return float(ask(browser, "arguments[0].querySelector('input').value", found))
+
+
+def slide(browser: webdriver.Chrome, found: WebElement, time: float) -> None:
+    browser.execute_script(
+        "arguments[0].value = arguments[1]; arguments[0].dispatchEvent(new Event('input'))",
+        found.find_element(By.TAG_NAME, "input"), time,
+    )  # fmt: skip
+
+
+def pictures(browser: webdriver.Chrome, found: WebElement) -> list[str]:
+    """Return what the canvases show."""
+    return ask(
+        browser, "[...arguments[0].querySelectorAll('canvas')].map(c => c.toDataURL())", found
+    )
 
 
 def test_it_opens_without_a_word_on_the_console_but_for_the_film_that_is_gone(
@@ -137,7 +149,7 @@ def test_it_opens_without_a_word_on_the_console_but_for_the_film_that_is_gone(
 ) -> None:
     browser.get(page.as_uri())
     wait(browser, "document.readyState === 'complete'")
-    charts(browser)
+    replay(browser)
     said = [entry["message"] for entry in browser.get_log("browser")]
     assert [message for message in said if "gone.mp4" not in message] == []
     assert ask(browser, "document.title").startswith(
@@ -147,7 +159,7 @@ def test_it_opens_without_a_word_on_the_console_but_for_the_film_that_is_gone(
 
 def test_a_name_that_is_a_script_does_not_run(opened: webdriver.Chrome) -> None:
     assert NASTY in opened.find_element(By.TAG_NAME, "nav").get_attribute("textContent")
-    assert ask(opened, "document.scripts.length") == 3
+    assert ask(opened, "document.scripts.length") == 4  # rows of three replays, and its own
 
 
 def test_every_image_loads(opened: webdriver.Chrome) -> None:
@@ -206,7 +218,7 @@ def test_nothing_sticks_out_sideways(opened: webdriver.Chrome, width: int, unfol
     resize(opened, width)
     if unfolded:
         opened.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
-    charts(opened)
+    replay(opened)
     wait(opened, "document.documentElement.scrollWidth <= arguments[0]", width)
     cut = ask(
         opened,
@@ -233,81 +245,108 @@ def test_what_scrolls_sideways_has_a_shadow_where_more_is_to_come(
     assert set(drawn) == {"multiply"}  # else a white figure hides the shadow behind it
 
 
-def test_charts_draw_and_zoom_by_button_keyboard_and_pointer(opened: webdriver.Chrome) -> None:
-    found = charts(opened)
-    painted = ask(
-        opened,
-        "(c => c.getContext('2d').getImageData(0, 0, c.width, c.height).data.some(x => x))"
-        "(arguments[0].querySelector('canvas'))",
-        found,
-    )
-    assert painted
-    assert shown(opened, found) == (0.0, 2.0)
-    found.find_element(By.CSS_SELECTOR, "[data-zoom=in]").click()
-    assert shown(opened, found) == (0.5, 1.5)
-    found.find_element(By.CSS_SELECTOR, ".plot").send_keys(Keys.ARROW_RIGHT)
-    assert shown(opened, found) == (0.75, 1.75)
-    found.find_element(By.CSS_SELECTOR, ".plot").send_keys("-")
-    assert shown(opened, found) == (0.0, 2.0)
-    over = found.find_elements(By.CSS_SELECTOR, ".u-over")[1]  # below: both zoom together
-    actions = ActionChains(opened).move_to_element(over).click_and_hold()
-    actions.move_by_offset(over.size["width"] // 4, 0).release().perform()
-    low, high = shown(opened, found)
-    assert (low, high) == pytest.approx((1.0, 1.5), abs=0.02)
-    scales = ask(opened, "[...arguments[0].querySelectorAll('.u-axis')].length", found)
-    assert scales == 4
-    ActionChains(opened).double_click(over).perform()
-    assert shown(opened, found) == (0.0, 2.0)
-    found.find_element(By.XPATH, ".//button[text()='start']").click()
-    assert shown(opened, found) == (0.0, 0.05)
+def test_the_slider_moves_the_picture_of_each_controller(opened: webdriver.Chrome) -> None:
+    found = replay(opened)
+    start = pictures(opened, found)
+    assert len(start) == 2 and time_of(opened, found) == 0.0
+    slide(opened, found, 0.5)
+    later = pictures(opened, found)
+    assert all(one != other for one, other in zip(start, later, strict=True))
+    assert later[0] != later[1]  # each has its own colour
+    said = found.find_element(By.TAG_NAME, "output").text
+    assert said.startswith("t = 0.50 s") and "M" in said
+    slide(opened, found, 0.0)
+    assert pictures(opened, found) == start
 
 
-def test_charts_show_another_quantity_and_its_values_under_the_pointer(
-    opened: webdriver.Chrome,
+def test_play_plays_and_pauses_and_begins_anew_at_the_end(opened: webdriver.Chrome) -> None:
+    found = replay(opened)
+    button = found.find_element(By.TAG_NAME, "button")
+    button.click()
+    assert button.get_attribute("aria-label") == "Pause"
+    wait(opened, "Number(arguments[0].querySelector('input').value) > 0.3", found)
+    button.click()
+    paused = time_of(opened, found)
+    assert button.get_attribute("aria-label") == "Play" and 0.3 < paused < 1.9
+    ask(opened, "new Promise(done => setTimeout(done, 200))")
+    assert time_of(opened, found) == paused
+    slide(opened, found, 2.0)
+    button.click()
+    wait(opened, "Number(arguments[0].querySelector('input').value) < 1", found)
+
+
+def test_a_replay_goes_by_the_keyboard(opened: webdriver.Chrome) -> None:
+    found = replay(opened)
+    slider = found.find_element(By.TAG_NAME, "input")
+    slider.send_keys(Keys.ARROW_RIGHT * 3 + Keys.ARROW_LEFT)
+    assert time_of(opened, found) == pytest.approx(0.2)
+    assert slider.get_attribute("aria-valuetext").startswith("t = 0.20 s")
+    slider.send_keys(Keys.SPACE)
+    wait(opened, "Number(arguments[0].value) > 0.4", slider)
+    slider.send_keys(Keys.SPACE)
+    button = found.find_element(By.TAG_NAME, "button")
+    assert button.get_attribute("aria-label") == "Play"
+    button.send_keys(Keys.SPACE)  # presses it, once
+    assert button.get_attribute("aria-label") == "Pause"
+
+
+def test_who_wants_little_motion_gets_pictures_a_second_apart(opened: webdriver.Chrome) -> None:
+    features = [{"name": "prefers-reduced-motion", "value": "reduce"}]
+    opened.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+    found = replay(opened)
+    opened.execute_script(
+        "window.seen = new Set(); const slider = arguments[0].querySelector('input');"
+        "window.watching = setInterval(() => window.seen.add(slider.value), 10)", found,
+    )  # fmt: skip
+    found.find_element(By.TAG_NAME, "button").click()
+    wait(opened, "window.seen.has('2')")
+    assert ask(opened, "[...window.seen].sort()") == ["0", "1", "2"]
+    opened.execute_script("clearInterval(window.watching)")
+
+
+def test_a_run_that_fell_stays_where_it_fell_and_says_so(
+    opened: webdriver.Chrome, tmp_path: Path
 ) -> None:
-    found = charts(opened)
-    fieldset = found.find_element(By.TAG_NAME, "fieldset")
-    fieldset.find_element(By.CSS_SELECTOR, "input:checked").send_keys(Keys.ARROW_RIGHT)
-    assert ask(opened, "arguments[0].querySelector('input:checked').value", fieldset) == "phi"
-    over = found.find_element(By.CSS_SELECTOR, ".u-over")
-    ActionChains(opened).move_to_element_with_offset(over, 3 - over.size["width"] // 2, 5).perform()
-    legend = "arguments[0].querySelector('.u-legend').innerText"
-    text = wait(opened, f"(t => t.includes('−') && t)({legend})", found)
-    said = re.search(r"t(\d\.\d+) sfixed, ideal−(\d\.\d+)", re.sub(r"[:\n\t]", "", text))
-    assert said is not None, text
-    time, angle = (float(number) for number in said.groups())
-    assert angle == pytest.approx(1.047 * math.exp(-3.0 * time), rel=1e-3)
-    legends = found.find_elements(By.CSS_SELECTOR, ".u-legend")
-    assert len(legends) == 2
-    assert "exact" in legends[1].text
+    study = find_study("validate")
+    result = make_result(fell_at=300, outcome="fell at t = 0.3 s")
+    save_record(Record(study=study, result=result, command="afl-mujoco validate"), tmp_path)
+    opened.get(write_page(tmp_path, tmp_path).as_uri())
+    found = replay(opened)
+    caption = found.find_element(By.TAG_NAME, "figcaption")
+    assert "fell" not in caption.text
+    slide(opened, found, 1.0)
+    assert "fell at t = 0.3 s" in caption.text
+    there = pictures(opened, found)
+    slide(opened, found, 1.5)
+    assert pictures(opened, found)[0] == there[0]
 
 
-def test_a_curve_is_hidden_from_the_keyboard(opened: webdriver.Chrome) -> None:
-    found = charts(opened)
-    name = found.find_elements(By.CSS_SELECTOR, ".u-series th[role=button]")[0]
-    assert name.get_attribute("aria-pressed") == "true"
-    name.send_keys(Keys.ENTER)
-    wait(opened, "arguments[0].getAttribute('aria-pressed') === 'false'", name)
+def test_nothing_leaves_the_page(opened: webdriver.Chrome) -> None:
+    replay(opened).find_element(By.TAG_NAME, "button").click()
+    asked = ask(opened, "performance.getEntriesByType('resource').map(e => e.name)")
+    assert [one for one in asked if not one.startswith(("data:", "file:"))] == []
 
 
-def test_dark_is_dark_and_light_is_light_and_charts_follow(opened: webdriver.Chrome) -> None:
+def test_dark_is_dark_and_light_is_light_and_replays_follow(opened: webdriver.Chrome) -> None:
     def ground() -> list[float]:
         colour = ask(opened, "getComputedStyle(document.documentElement).backgroundColor")
         return [float(x) for x in colour.strip("rgba()").split(",")[:3]]
 
-    charts(opened)
-    light = ground()
+    found = replay(opened)
+    light, drawn = ground(), pictures(opened, found)
     prefer(opened, "dark")
     wait(opened, "matchMedia('(prefers-color-scheme: dark)').matches")
     assert min(light) > 200.0
     assert max(ground()) < 60.0
-    stroke = "getComputedStyle(document.querySelectorAll('.u-marker')[1]).borderTopColor"
-    dark_line = wait(opened, stroke)
+    dark = pictures(opened, found)
+    assert all(one != other for one, other in zip(drawn, dark, strict=True))
     prefer(opened, "light")
-    wait(opened, f"{stroke} !== arguments[0]", dark_line)
+    wait(
+        opened, "arguments[0].querySelector('canvas').toDataURL() !== arguments[1]", found, dark[0]
+    )
 
 
-def test_the_keyboard_reaches_skip_link_contents_and_charts(opened: webdriver.Chrome) -> None:
+def test_the_keyboard_reaches_skip_link_contents_and_replays(opened: webdriver.Chrome) -> None:
     focus = "(e => e.getAttribute('href') || e.tagName.toLowerCase())(document.activeElement)"
     reached = []
     for _ in range(8):
@@ -320,9 +359,11 @@ def test_the_keyboard_reaches_skip_link_contents_and_charts(opened: webdriver.Ch
     assert ask(opened, "arguments[0].getBoundingClientRect().top >= 0", skip)
     skip.send_keys(Keys.ENTER)
     assert ask(opened, "document.activeElement.id") == "main"
-    plot = charts(opened).find_element(By.CSS_SELECTOR, ".plot")
-    opened.execute_script("arguments[0].focus()", plot)
-    assert ask(opened, "getComputedStyle(arguments[0]).outlineStyle", plot) != "none"
+    button = replay(opened).find_element(By.TAG_NAME, "button")
+    opened.execute_script("arguments[0].focus()", button)
+    ActionChains(opened).send_keys(Keys.TAB).perform()
+    assert ask(opened, "document.activeElement.type") == "range"
+    assert ask(opened, "getComputedStyle(document.activeElement).outlineStyle") != "none"
 
 
 def test_contents_fold_away_on_a_small_screen(opened: webdriver.Chrome) -> None:
@@ -337,7 +378,7 @@ def test_contents_fold_away_on_a_small_screen(opened: webdriver.Chrome) -> None:
     wait(opened, "Math.abs(document.getElementById('claims').getBoundingClientRect().top) < 120")
 
 
-def test_without_script_everything_but_the_charts_is_there(
+def test_without_script_everything_but_the_replays_is_there(
     opened: webdriver.Chrome, page: Path
 ) -> None:
     opened.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
@@ -346,8 +387,8 @@ def test_without_script_everything_but_the_charts_is_there(
         opened.find_element(By.CSS_SELECTOR, "#scenario-1 > summary").click()
         main = opened.find_element(By.TAG_NAME, "main")
         assert "CODES AGREE 22/22" in main.text
-        assert "need JavaScript" in main.text
-        assert not opened.find_element(By.CSS_SELECTOR, ".charts").is_displayed()
+        assert "the replay needs JavaScript" in main.text
+        assert not opened.find_element(By.CSS_SELECTOR, ".replay").is_displayed()
         assert opened.find_element(By.TAG_NAME, "video").is_displayed()
     finally:
         opened.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})

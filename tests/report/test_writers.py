@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +10,16 @@ from pathlib import Path
 import pytest
 
 from afl_mujoco.report import terminal as terminal_module
-from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section, figures_of
+from afl_mujoco.report.blocks import (
+    Block,
+    Cell,
+    Figure,
+    Matrix,
+    Replay,
+    Report,
+    Section,
+    figures_of,
+)
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.page import Part, to_html
 from afl_mujoco.report.style import new_figure, write_figure
@@ -38,12 +48,8 @@ def matrix(folded: str = "") -> Matrix:
     )
 
 
-CHART = Chart(
-    anchor="curve",
-    title="A curve",
-    quantities=(("z", "z", "position"),),
-    data={"shortcuts": [{"label": "start", "from": 0.0, "to": 1.0}]},
-)
+MOVING = {"duration": 1.5, "runs": [{"controller": NASTY, "colour": "#000000"}]}
+REPLAY = Replay(name="a-run", title="A run", compute=lambda: MOVING)
 LINE = Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
 BLOCKS: tuple[Block, ...] = (
     "It holds with `--quick` and *without*, see [there](#part).",
@@ -51,7 +57,7 @@ BLOCKS: tuple[Block, ...] = (
     "- **mass** 1 kg",
     matrix(),
     Section("Part", "part", (matrix("All rows"), LINE)),
-    Section("Behind", "behind", ("in the depth", CHART), folded=True),
+    Section("Behind", "behind", ("in the depth", REPLAY), folded=True),
     "```sh\nafl-mujoco study 'my file.toml'\n```",
 )
 REPORT = Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
@@ -66,6 +72,7 @@ def html(folder: Path, *others: Report) -> str:
 def page(tmp_path: Path) -> str:
     for figure in figures_of(BLOCKS):
         write_figure(figure, tmp_path)
+    (tmp_path / "a-run.replay.json").write_text(json.dumps(MOVING), encoding="utf-8")
     return html(tmp_path)
 
 
@@ -91,7 +98,7 @@ def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are(c
     said = to_text(BLOCKS)
     assert "✗ falls" in said and "◐ rests" in said and NASTY in said
     assert said.count("first") == 1  # the folded matrix is left out
-    assert "in the depth" not in said and "A curve" not in said and "#part" not in said
+    assert "in the depth" not in said and "A run" not in said and "#part" not in said
     print_report(REPORT)
     assert capsys.readouterr().out.splitlines()[-1] == f"FAIL: 1 of 3 fails {NASTY}"
 
@@ -108,7 +115,7 @@ def test_markdown_escapes_what_would_be_markup() -> None:
     assert "![A line. It rises.](a-line.png)" in said
     assert "| name | distance \\[m\\] | verdict |\n| --- | ---: | --- |" in said
     assert "# Part" in said and "<details><summary>All rows</summary>" in said
-    assert "in the depth" in said and "A curve" not in said
+    assert "in the depth" in said and "A run" not in said
     assert (code("a"), code("`a`")) == ("`a`", "`` `a` ``")
 
 
@@ -122,8 +129,8 @@ def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> No
     assert 'class="tag bad"' in page and 'class="tag part"' in page
     assert "<em>without</em>" in page and "<code>--quick</code>" in page
     assert '<details class="folded" id="behind">' in page
-    assert '<script type="application/json" id="curve-curves">' in page
-    assert 'data-from="0.0" data-to="1.0"' in page
+    assert '<script type="application/json" id="a-run-rows">' in page and 'max="1.5"' in page
+    assert "A run: the replay needs JavaScript." in page
     assert "<title>FAIL: Study</title>" in page
 
 
@@ -141,7 +148,7 @@ def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(
     assert "<h1>Reports</h1>" in said and "<title>FAIL: Reports</title>" in said
     for title in ("Study", "Good"):
         assert re.search(rf"<h2 [^>]*>{title}</h2>", said)
-    assert "The figure “A line” is missing" in said
+    assert "The figure “A line” is missing" in said and "The replay “A run” is missing" in said
 
 
 WIDE = Matrix(

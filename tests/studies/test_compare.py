@@ -121,7 +121,9 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     said = " · ".join(f"{name} {count} of 3" for name, count in zip(names, met, strict=True))
     assert output.splitlines()[-1] == f"FAIL: {said}"
     written = {path.name for path in (rig / "out").iterdir()}
-    assert {"compare.json", "compare.npz", "compare.md", "report.html"} <= written
+    made = {"compare.json", "compare.npz", "compare.md", "compare-1.replay.json", "report.html"}
+    assert made <= written
+    assert (rig / "out" / "report.html").stat().st_size < 2_000_000
     record = load_record(find_study("compare"), rig / "out")
     assert [*record.inputs] == ["scenario rig", *(f"controller {name}" for name in names)]
     rows = {run.controller: run for run in record.result.rows}

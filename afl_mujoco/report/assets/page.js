@@ -1,18 +1,4 @@
-// What the page does beside its charts. Without it everything but the charts is there.
-"use strict";
-
-for (const part of document.querySelectorAll("[data-script]")) part.hidden = false;
-
-// Charts are drawn when they come near the screen.
-const drawn = new Map();
-const near = new IntersectionObserver((seen) => {
-  for (const { target, isIntersecting } of seen) {
-    if (!isIntersecting || drawn.has(target)) continue;
-    near.unobserve(target);
-    drawn.set(target, new Trajectories(target));
-  }
-}, { rootMargin: "300px" });
-for (const charts of document.querySelectorAll(".charts")) near.observe(charts);
+// What the page does beside its replays. Without it everything but the replays is there.
 
 // What scrolls by itself is a stop for the keyboard, what does not need to is none.
 const fits = new ResizeObserver((seen) => {

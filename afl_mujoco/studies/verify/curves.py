@@ -1,9 +1,8 @@
-"""Some instants of the runs of a case over time, for the figures and the charts of the page."""
+"""Some instants of the runs of a case over time, for the figures and the replays of the page."""
 
 from __future__ import annotations
 
-import base64
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.scenario.sampling import step_times
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.integrator import along_z
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.arrays import Array
 
@@ -121,95 +118,3 @@ def _regular(scenario: Scenario, grid: NDArray[np.float64], timestep: float) -> 
         # The last instant before a breakpoint is kept as well: a jump is drawn as one.
         kept[(grid > start - 1.5 * timestep) & (grid <= start + DENSE)] = True
     return kept
-
-
-# --- charts: what the page reads, 32-bit floats in base64 -----------------------------------------
-
-QUANTITIES = (
-    ("z", "z", "cart position"),
-    ("phi", "φ", "pole angle"),
-    ("z_dot", "z′", "cart velocity"),
-    ("phi_dot", "φ′", "pole rate"),
-    ("force", "F", "force"),
-    ("plant", "M, l", "mass and half-length"),
-)
-"""Key, symbol and name of the quantities that a chart shows."""
-
-FIRST_MOMENTS = 0.05
-"""Length of the first shortcut [s], which shows the controller's first, fast response."""
-
-BEFORE, AFTER = 0.1, 0.9
-"""Time before and after a breakpoint that the other shortcuts show [s]."""
-
-MOST = 5
-"""Largest number of shortcuts."""
-
-
-def chart_data(curves: Sequence[Curves], scenario: Scenario) -> dict[str, Any]:
-    """Return the curves of one scenario, those of all controllers on the union of their instants.
-
-    An instant that a run does not have is NaN. Differences from the ODE are computed here, in
-    double precision: in single precision they would be lost in round-off.
-    """
-    time = np.unique(np.concatenate([one.time for one in curves]))
-    first = curves[0]
-    push = np.array([along_z(one) for one in first.push])
-    prescribed = {**first.parameters, "push": push}
-    return {
-        "time": encode(time),
-        "prescribed": {
-            name: encode(_spread(time, first.time, values)) for name, values in prescribed.items()
-        },
-        "runs": [_run(time, one) for one in curves],
-        "shortcuts": shortcuts(scenario),
-    }
-
-
-def _run(time: NDArray[np.float64], one: Curves) -> dict[str, Any]:
-    """Return the curves of one controller: the reference, and differences of the others from it."""
-    signals = {name: _signals(time, one, name) for name in one.states}
-    reference = signals.pop(REFERENCE)
-    return {
-        "controller": one.controller,
-        "reference": {name: encode(values) for name, values in reference.items()},
-        "differences": {
-            simulator: {name: encode(x - reference[name]) for name, x in found.items()}
-            for simulator, found in signals.items()
-        },
-    }
-
-
-def _signals(
-    time: NDArray[np.float64], one: Curves, simulator: str
-) -> dict[str, NDArray[np.float64]]:
-    """Return states and force of one simulator by name."""
-    columns = dict(zip(CART_POLE.states, one.states[simulator].T, strict=True))
-    columns["force"] = one.forces[simulator]
-    return {name: _spread(time, one.time, values) for name, values in columns.items()}
-
-
-def _spread(
-    time: NDArray[np.float64], instants: NDArray[np.float64], values: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return values of the first instants at the times that have one, NaN elsewhere."""
-    wide = np.full(len(time), np.nan)
-    wide[np.searchsorted(time, instants[: len(values)])] = values
-    return wide
-
-
-def shortcuts(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return stretches of time worth a look, each with a label and two times [s]."""
-    end = scenario.duration
-    changes = [time for time in scenario.breakpoints if 0.0 < time < end][: MOST - 1]
-    return [
-        {"label": "start", "from": 0.0, "to": min(FIRST_MOMENTS, end)},
-        *(
-            {"label": f"{t:.4g} s", "from": max(0.0, t - BEFORE), "to": min(end, t + AFTER)}
-            for t in changes
-        ),
-    ]
-
-
-def encode(values: NDArray[np.float64]) -> str:
-    """Return values as little-endian 32-bit floats in base64."""
-    return base64.b64encode(values.astype("<f4").tobytes()).decode()

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.report.blocks import Block, Cell, Chart, Figure, Matrix, Report, Section
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import fixed, interval, limit, percent, scientific, short
 from afl_mujoco.scenario.parameters import symbol
@@ -17,11 +17,10 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
 from afl_mujoco.simulation.trajectory import COMPLETED, Layout
 from afl_mujoco.studies.cases import DECISIVE, DEPLOYED
-from afl_mujoco.studies.tables import grouped, how, metrics_matrix, requirements_matrix
+from afl_mujoco.studies.tables import grouped, how, metrics_matrix, replay, requirements_matrix
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.convergence import Refinement
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
-from afl_mujoco.studies.verify.curves import QUANTITIES, chart_data
 from afl_mujoco.studies.verify.explanation import SOURCES
 
 if TYPE_CHECKING:
@@ -38,7 +37,7 @@ def report(result: Result) -> Report:
     """Return what is shown of a verification."""
     pictured = next((s for s in result.scenarios if s.name == PICTURED), result.scenarios[0])
     blocks: list[Block] = [*_requirements(result)]
-    blocks += [_runs_figure(result, pictured)] if result.curves else []
+    blocks += _pictures(result, pictured) if result.curves else []
     blocks += [_claims(result)] if result.claims else []
     blocks.append(_checks(result))
     blocks += [_budget(result)] if result.error_budgets else []
@@ -103,16 +102,25 @@ def _requirements(result: Result) -> list[Block]:
     return found
 
 
-def _runs_figure(result: Result, scenario: Scenario) -> Figure:
-    """Return a scenario over time under each controller."""
+def _pictures(result: Result, scenario: Scenario) -> list[Block]:
+    """Return a scenario under each controller: replayed, and over time."""
+    number, curves = _number(result, scenario), result.curves_on(scenario)
     hold = short(1e3 * result.settings.control_period)
-    return Figure(
-        name=f"report-runs-{_number(result, scenario)}",
+    figure = Figure(
+        name=f"report-runs-{number}",
         title=f"{scenario.name} in MuJoCo and by the equations",
         caption=f"Colours: MuJoCo as deployed, the force held for {hold} ms; dashed over them: the "
         "ideal equations; grey across: disturbances.",
-        draw=partial(_draw, "draw_runs", scenario, result.curves_on(scenario)),
+        draw=partial(_draw, "draw_runs", scenario, curves),
     )
+    deployed = [x for x in result.runs if (x.scenario, x.simulator) == (scenario.name, DEPLOYED)]
+    endings = {run.controller: run.outcome for run in deployed}
+    moving = {
+        one.controller: (one.time[: len(states)], states)
+        for one in curves
+        for states in [one.states[DEPLOYED]]
+    }
+    return [replay(f"report-runs-{number}", scenario, moving, endings), figure]
 
 
 def _number(result: Result, scenario: Scenario) -> int:
@@ -370,8 +378,7 @@ def _scenario(result: Result, scenario: Scenario, drawn: bool) -> Section:
     runs = [run for run in result.runs if run.scenario == scenario.name]
     blocks: list[Block] = [
         facts,
-        *([_chart(result, scenario, number)] if result.curves and result.of_paper else []),
-        *([_runs_figure(result, scenario)] if drawn and result.curves else []),
+        *(_pictures(result, scenario) if drawn and result.curves else []),
         metrics_matrix(
             {f"{run.controller}, {run.simulator}": [run.metrics] for run in runs},
             list(runs[0].metrics),
@@ -381,16 +388,6 @@ def _scenario(result: Result, scenario: Scenario, drawn: bool) -> Section:
         ),
     ]
     return Section(scenario.name, f"scenario-{number}", blocks, folded=True)
-
-
-def _chart(result: Result, scenario: Scenario, number: int) -> Chart:
-    """Return the curves of a scenario for the page."""
-    return Chart(
-        anchor=f"scenario-{number}",
-        title="Trajectories",
-        quantities=QUANTITIES,
-        data=chart_data(result.curves_on(scenario), scenario),
-    )
 
 
 def _draw(figure: str, *arguments: Any) -> Any:

@@ -1,0 +1,271 @@
+"""Where the geoms of a plant are along runs, by MuJoCo's kinematics, for a page that replays."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from afl_mujoco.report.style import colours
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
+from afl_mujoco.simulation.remarks import SAID
+
+Floats = NDArray[np.float64]
+
+FPS, MOST_NUMBERS = 30, 400_000
+"""Frames per second, fewer where the poses of a scenario would be more numbers than this."""
+
+CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
+
+SMOOTHING = 0.35
+"""Standard deviation of the window over which a camera averages where a plant is [s]."""
+
+FAR = 4.0
+"""A camera stands still as long as plants stay within this many times their own size."""
+
+FLAT = 0.05
+"""Motion is in a plane if it spreads less than this share as far across it."""
+
+LOST = 50.0
+"""Beyond this many times its own size from the camera's aim a plant is not kept in view."""
+
+ROOM = 1.1
+"""Size of a view over that of what it keeps in view."""
+
+HIDDEN = 3
+"""The first of the groups of geoms that MuJoCo's viewer hides."""
+
+PUSHED = 0.25
+"""How long an impulse is said at least [s]."""
+
+
+class Poses(NamedTuple):
+    """Geoms in each frame: centres [m], rotations and sizes [m], and the points around all."""
+
+    centres: Floats  # shape (N, geoms, 3)
+    rotations: Floats  # shape (N, geoms, 3, 3)
+    sizes: Floats  # shape (N, geoms, 3)
+    around: Floats  # corners of what moves, shape (N, points, 3)
+
+
+def drawn_geoms(m: mujoco.MjModel) -> list[int]:
+    """Return the geoms that are seen."""
+    seen = (m.geom_rgba[:, 3] > 0.0) & (m.geom_group < HIDDEN)
+    return [int(one) for one in np.flatnonzero(seen)]
+
+
+def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
+    """Return poses with the parameters of each instant written into the model.
+
+    values, states: Shapes (N, parameters) and (N, 2 n).
+    """
+    m, d, count = model.mj_model, model.mj_data, len(states)
+    moving = [one for one in geoms if m.body_weldid[m.geom_bodyid[one]] > 0]
+    centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
+    rotations = np.empty((count, len(geoms), 3, 3))
+    around = np.empty((count, 8 * len(moving), 3))
+    for k in range(count):
+        model.write(values[k])
+        write_state(model.addresses, states[k])
+        mujoco.mj_kinematics(m, d)
+        rotations[k] = d.geom_xmat[geoms].reshape(-1, 3, 3)
+        for g, one in enumerate(geoms):
+            _, sizes[k, g], middle = shape_of(m, one)
+            centres[k, g] = d.geom_xpos[one] + rotations[k, g] @ middle
+        around[k] = corners(m, d, moving)
+    return Poses(centres, rotations, sizes, around)
+
+
+def shape_of(m: mujoco.MjModel, geom: int) -> tuple[str, Floats, Floats]:
+    """Return the shape of a geom, its size, and its middle in its frame; a mesh is its box [m]."""
+    kinds = mujoco.mjtGeom
+    kind, size, middle = kinds(m.geom_type[geom]), np.array(m.geom_size[geom]), np.zeros(3)
+    if kind == kinds.mjGEOM_PLANE:  # without end where its size is 0
+        return "box", np.array([*np.where(size[:2] > 0.0, size[:2], 1e3), 0.0]), middle
+    if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF):
+        return "box", np.array(m.geom_aabb[geom, 3:]), np.array(m.geom_aabb[geom, :3])
+    return kind.name.removeprefix("mjGEOM_").lower(), size, middle
+
+
+def corners(m: mujoco.MjModel, d: mujoco.MjData, geoms: Sequence[int]) -> Floats:
+    """Return the corners of the boxes around geoms [m], shape (8 geoms, 3)."""
+    found = []
+    for one in geoms:
+        shape, size, middle = shape_of(m, one)
+        half = {
+            "sphere": size[[0, 0, 0]],
+            "capsule": np.array([size[0], size[0], size[0] + size[1]]),
+            "cylinder": size[[0, 0, 1]],
+        }.get(shape, size)
+        turn = d.geom_xmat[one].reshape(3, 3)
+        found.append(d.geom_xpos[one] + (middle + half * CORNERS) @ turn.T)
+    return np.concatenate([np.empty((0, 3)), *found])
+
+
+def follow(seen: Sequence[Floats], fps: float) -> tuple[list[Floats], bool, float]:
+    """Return where a camera looks in each frame of each run, if it stands still, a plant's size.
+
+    It looks at one point as long as plants stay about where they are, else at each of them.
+
+    seen: Points of each run, shape (N, points, 3).
+    """
+    everything = np.concatenate([points.reshape(-1, 3) for points in seen])
+    own = max(float(np.ptp(points, axis=1).max()) for points in seen) or 1.0
+    still = float(np.ptp(everything, axis=0).max()) <= FAR * own
+    middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
+    aims = []
+    for points in seen:
+        centres = 0.5 * (points.min(axis=1) + points.max(axis=1))
+        path = gaussian_filter1d(centres, SMOOTHING * fps, axis=0, mode="nearest")
+        aims.append(np.broadcast_to(middle, path.shape) if still else path)
+    return aims, still, own
+
+
+def kept(seen: Sequence[Floats], aims: Sequence[Floats], own: float) -> Floats:
+    """Return what has to be in view, relative to where the camera looks, shape (K, 3)."""
+    parts = [(x - aim[:, None]).reshape(-1, 3) for x, aim in zip(seen, aims, strict=True)]
+    around = np.concatenate(parts)
+    near = (np.abs(around) < LOST * own).all(axis=1)
+    return around[near] if near.any() else np.zeros((1, 3))
+
+
+def plane_of(seen: Sequence[Floats]) -> Floats:
+    """Return where right, up and towards the reader are, a row each: the plane of most motion.
+
+    Right is x, or y where more moves along it, and up is z unless nothing moves along it.
+    """
+    spread = np.max([np.ptp(points, axis=0).max(axis=0) for points in seen], axis=0)
+    x, y, z = np.eye(3)
+    if spread[2] < FLAT * spread[:2].min():
+        return np.array([x, y, z])
+    return np.array([y, z, x]) if spread[1] > spread[0] else np.array([x, z, -y])
+
+
+def replay_data(
+    scenario: Scenario, runs: Mapping[str, tuple[Floats, Floats]], endings: Mapping[str, str]
+) -> dict[str, Any]:
+    """Return what a page needs to replay the runs of a scenario.
+
+    runs: Instants [s] and states by controller; `endings` say how one ended before the horizon.
+    """
+    model = SimulatedModel(scenario.plant)
+    m, geoms = model.mj_model, drawn_geoms(model.mj_model)
+    numbers = 9 * max(1, len(geoms)) * len(runs) * scenario.duration
+    fps = min(FPS, MOST_NUMBERS / numbers)
+    times = {name: _frames(float(time[-1]), fps) for name, (time, _) in runs.items()}
+    found = {
+        name: poses(model, geoms, scenario.values(at), _between(*runs[name], at))
+        for name, at in times.items()
+    }
+    seen = [one.around for one in found.values()]
+    axes, (aims, still, own) = plane_of(seen), follow(seen, fps)
+    longest = max(runs, key=lambda name: len(times[name]))
+    lines = _lines(scenario, model, geoms, axes)
+    around = kept(seen, aims, own) @ axes[:2].T
+    low, high = around.min(axis=0), around.max(axis=0)
+    if still:  # limits that are about as far as the motion are seen
+        for x in [np.array(x["at"]) - axes[:2] @ aims[0][0] for x in lines]:
+            if (x > low - own).all() and (x < high + own).all():
+                low, high = np.minimum(low, x), np.maximum(high, x)
+    shades = colours(runs)
+    return {
+        "fps": fps,
+        "duration": scenario.duration,
+        "shapes": [shape_of(m, one)[0] for one in geoms],
+        "moves": [bool(m.body_weldid[m.geom_bodyid[one]]) for one in geoms],
+        "sizes": encode(_unless_constant(found[longest].sizes)),
+        "view": (ROOM * np.maximum(high - low, 0.2 * own)).tolist(),
+        "lines": lines,
+        "changes": [
+            {"name": name, "unit": unit, "values": encode(x)}
+            for name, unit, x in _changing(scenario, times[longest])
+        ],
+        "pushes": [
+            [min(one.breakpoints), max(*one.breakpoints, min(one.breakpoints) + PUSHED)]
+            for one in scenario.disturbances
+        ],
+        "runs": [
+            {
+                "controller": name,
+                "colour": shades[name],
+                "ended": endings.get(name, ""),
+                "frames": len(one.centres),
+                "centres": encode(one.centres @ axes.T),
+                "turns": encode(np.einsum("ij,ngjk->ngik", axes[:2], one.rotations)),
+                "aims": encode(aim @ axes[:2].T + 0.5 * (low + high)),
+            }
+            for (name, one), aim in zip(found.items(), aims, strict=True)
+        ],
+    }
+
+
+def _frames(end: float, fps: float) -> Floats:
+    """Return the instants of the frames [s], the last where the run ended."""
+    times = np.arange(0.0, end, 1.0 / fps)
+    return np.append(times, end) if end > 0.0 else np.zeros(1)
+
+
+def _between(time: Floats, states: Floats, times: Floats) -> Floats:
+    """Return the states at some times, interpolated linearly, shape (N, 2 n)."""
+    known = np.isfinite(states).all(axis=1)
+    return np.column_stack([np.interp(times, time[known], x) for x in states[known].T])
+
+
+def _unless_constant(sizes: Floats) -> Floats:
+    """Return the sizes of geoms in each frame, or in the first if they do not change."""
+    return sizes if np.ptp(sizes, axis=0).any() else sizes[:1]
+
+
+def _changing(scenario: Scenario, times: Floats) -> list[tuple[str, str, Floats]]:
+    """Return name, unit and course of each parameter that changes."""
+    plant, said = scenario.plant, SAID if scenario.is_cart_pole else {}
+    columns = zip(plant.parameters, scenario.values(times).T, strict=True)
+    return [(said.get(name, name), plant.units[name], x) for name, x in columns if np.ptp(x) > 0.0]
+
+
+def _lines(
+    scenario: Scenario, model: SimulatedModel, geoms: Sequence[int], axes: Floats
+) -> list[dict[str, Any]]:
+    """Return the rail, end stops and required limits of slides that are fixed in the world.
+
+    A line is drawn through a point along a direction, both in the plane that is seen.
+    """
+    m, d, plant = model.mj_model, model.mj_data, scenario.plant
+    asked, stops, found = scenario.requirements, scenario.imperfections.end_stops, []
+    for k, name in enumerate(plant.coordinates):
+        body = int(m.jnt_bodyid[k])
+        if m.jnt_type[k] != mujoco.mjtJoint.mjJNT_SLIDE or m.body_parentid[body]:
+            continue
+        d.qpos[:] = 0.0
+        mujoco.mj_kinematics(m, d)
+        along = axes[:2] @ d.xaxis[k]
+        if np.linalg.norm(along) < 0.5:  # it slides towards the reader
+            continue
+        at, across = axes[:2] @ d.xanchor[k], np.array([-along[1], along[0]])
+        own = [one for one in geoms if m.geom_bodyid[one] == body]
+        if own and m.body_jntnum[body] == 1:
+            foot = float(((corners(m, d, own) @ axes[:2].T - at) @ across).min())
+            found.append(_line("", at + foot * across, along))
+        stop, most, target = stops.get(name), asked.max.get(name), scenario.target[k]
+        places = [] if stop is None else [("end stop", -stop), ("end stop", stop)]
+        places += [] if most is None else [("limit", target - most), ("limit", target + most)]
+        places += [("limit", asked.min[name])] if name in asked.min else []
+        found += [_line(words, at + place * along, across) for words, place in places]
+    return found
+
+
+def _line(words: str, at: Floats, along: Floats) -> dict[str, Any]:
+    """Return a line with what it is, the rail if nothing is said."""
+    return {"words": words, "at": at.tolist(), "along": along.tolist()}
+
+
+def encode(values: Floats) -> str:
+    """Return values as little-endian 32-bit floats in base64."""
+    return base64.b64encode(values.astype("<f4").tobytes()).decode()
