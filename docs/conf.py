@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
@@ -32,8 +33,9 @@ exclude_patterns = ["results", "_build", "jupyter_execute", "parts"]
 
 html_theme = "furo"
 html_title = "afl_mujoco"
-html_static_path = ["_static"]
-html_css_files = ["site.css"]
+html_static_path = ["_static", "../afl_mujoco/report/assets"]
+html_css_files = ["site.css", "replay.css"]
+html_js_files = ["replay.js"]
 html_copy_source = False
 
 myst_enable_extensions = ["colon_fence", "deflist"]
@@ -59,8 +61,14 @@ def setup(app: Sphinx) -> None:
     """Draw the figures, and put what nobody types into each page."""
     app.connect("builder-inited", lambda _: draw(CONTENT.figures(), DOCS / FIGURES))
     app.connect("source-read", _render)
+    app.connect("source-read", _replay)
 
 
 def _render(app: Sphinx, page: str, source: list[str]) -> None:
     """Render a page, which is a template."""
     source[0] = CONTENT.render(source[0])
+
+
+def _replay(app: Sphinx, page: str, source: list[str]) -> None:
+    """Put a replay where a page has its mark, a comment that a code host does not show."""
+    source[0] = re.sub(r"<!-- replay (\S+) -->", lambda one: CONTENT.replay(one[1]), source[0])

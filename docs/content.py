@@ -30,9 +30,10 @@ import jinja2
 import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
 from afl_mujoco.errors import FileError
-from afl_mujoco.report.blocks import Block, Figure, Section, figures_of
+from afl_mujoco.report.blocks import Block, Figure, Replay, Section, drawn_of, figures_of
 from afl_mujoco.report.markdown import plain, to_markdown
 from afl_mujoco.report.numbers import ceil_to, floor_to, short
+from afl_mujoco.report.page import replay_html
 from afl_mujoco.report.style import save_figure, styled, write_figure
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies
@@ -205,6 +206,13 @@ class Content:
     def part(self, name: str) -> str:
         """Return a part that the README has too."""
         return self.render((DOCS / "parts" / f"{name}.md").read_text(encoding="utf-8")).rstrip("\n")
+
+    def replay(self, scenario: str) -> str:
+        """Return the replay of a scenario of the paper, as a page of the site has it."""
+        title = f"{scenario} as it moves"
+        every = [one for one in drawn_of(self._blocks("validate")) if isinstance(one, Replay)]
+        shown = next(one for one in every if one.title == title)
+        return f"```{{raw}} html\n{replay_html(shown)}```"
 
     def figures(self) -> Iterator[Figure]:
         """Yield the figures of every result."""

@@ -105,6 +105,12 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
     )
 
 
+def replay_html(one: Replay) -> str:
+    """Return a replay as a part of another page, which has `replay.css` and `replay.js`."""
+    made: Any = _environment().get_template("replay.html.j2").module
+    return str(made.replay(one, one.compute()))
+
+
 @cache
 def _environment() -> Environment:
     """Return the template, which escapes all values."""
