@@ -23,12 +23,13 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame
-from afl_mujoco.films.replay import Replay
+from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
 from afl_mujoco.films.scene import GHOST, open_scene
 from afl_mujoco.films.standpoint import Standpoint
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
+from afl_mujoco.simulation.remarks import SAID
 
 Picture = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
@@ -44,7 +45,7 @@ TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 DESIGN = (1280, 720)  # size of the picture for which the sizes of letters are given [px]
 
 SMALLEST_LETTER = 10
-BESIDE, PART_LETTERS = Frame(top=0.16, bottom=0.30, foot=0.21), 0.8
+BESIDE, PART_LETTERS = Frame(top=0.2, bottom=0.36, foot=0.29), 1.15
 """Where cart-poles stay in a part of a picture, and the size of letters there."""
 
 MOST_CURVES, LETTER = 12, 0.62
@@ -53,20 +54,16 @@ MOST_CURVES, LETTER = 12, 0.62
 PLOT_HEIGHT = 360
 """Height of plots for which the sizes of their letters and lines are given [px], at 100 dpi."""
 
+FALLING = 0.2
+"""Time before a fall in which the force is not drawn whole [s]."""
+
 LINES = ("-", "--", "-.", ":")
 LUMINANCE, LEAST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.45
 """Luminance of red, green and blue; and the least luminance of a curve."""
 
-LABELS = (
-    "pole angle φ [rad]",
-    "cart position z [m]",
-    "force F [N], log",
-    "mass M [kg]",
-    "half-length l [m]",
-)
 DARK: dict[Any, Any] = {
     "text.parse_math": False,  # a name is shown as it is
-    "font.size": 8.5,
+    "font.size": 12.0,  # legible where a film is shown at half its size
     "figure.facecolor": "#{:02x}{:02x}{:02x}".format(*BOTTOM),
     "axes.facecolor": "#10151f",
     "axes.edgecolor": "#5a6478",
@@ -115,11 +112,13 @@ def frames(
     behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], s))
     with open_scene(replays[0], part) as scene:
         paths = scene.paths(replays, fps, part, frame)
-        for index in indices:
+        last = last_frame(replays, fps)
+        for index in itertools.takewhile(lambda index: index <= last, indices):
+            ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
             for replay, path, back, (y, x) in zip(replays, paths, behind, places, strict=False):
                 drawn = np.maximum(scene.draw(replay, index, path), back)
-                texts = _numbers(replay, index, path, s)
+                texts = _numbers(replay, index, path, s, ending)
                 picture[y : y + part[1], x : x + part[0]] = write(drawn, texts)
             if not alone:
                 picture[: part[1] if two else height, part[0]] = DIVIDER
@@ -156,10 +155,11 @@ def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
 
 def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> list[Text]:
     """Return what the colours mean, and how the controllers of several runs are deployed."""
-    lines = [("solid: MuJoCo, pale rim: ideal ODE", QUIET), (held, QUIET)]
+    short = held.removeprefix("as deployed: ")
+    lines = [("pale: ideal ODE", QUIET), (short, QUIET)]
     if not replay.plan.is_cart_pole:
-        first = "solid: as deployed, pale: ideal loop" if replay.ideal is not None else ""
-        lines = [(first, QUIET)] + ([] if alone else [(held, QUIET)])
+        first = "pale: ideal loop" if replay.ideal is not None else ""
+        lines = [(first, QUIET)] + ([] if alone else [(short, QUIET)])
     elif alone:
         lines = [
             ("solid: MuJoCo", POLE),
@@ -173,28 +173,41 @@ def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> lis
     ]
 
 
-def _numbers(replay: Replay, index: int, path: CameraPath | Standpoint, s: float) -> list[Text]:
+def _numbers(
+    replay: Replay, index: int, path: CameraPath | Standpoint, s: float, ending: bool
+) -> list[Text]:
     """Return what changes over a run: distances along the rail, readouts, how it ended."""
     width, height = path.size
     texts: list[Text] = []
-    numbers = replay.readouts(index)
+    numbers = [(label, _minus(value)) for label, value in replay.readouts(index)]
     if isinstance(path, CameraPath):
         places = path.seen(index, 2.0 * BAR)
         spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
+        gap = float(np.diff(spots[:, 0]).min()) if len(spots) > 1 else math.inf
+        every = max(1, math.ceil(70 * s / gap))
         texts = [
-            Text(x, y, f"{round(place)} m", 15 * s, QUIET, "mt")
+            Text(x, y, _minus(f"{round(place)} m"), 15 * s, QUIET, "mt")
             for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)
-            if 0.0 < x < width
+            if 0.0 < x < width and round(place) % every == 0
         ]
-    else:
-        numbers = _fitting(numbers, (width - 28 * s) / s)
+    numbers = _fitting(numbers, (width - 28 * s) / s)
     weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
     shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
     columns = 28 * s + (width - 36 * s) * shares
     for x, (label, value) in zip(columns.tolist(), numbers, strict=False):
         texts.append(Text(x, height - 52 * s, label, 16 * s, QUIET))
         texts.append(Text(x, height - 20 * s, value, 24 * s, mono=True))
-    return [*texts, Text(0.5 * width, 140 * s, replay.ended(index), 20 * s, WARNING, "ms")]
+    said = [one for one in (replay.ended(index), replay.verdict if ending else "") if one]
+    lines = enumerate(said)
+    return [
+        *texts,
+        *(Text(28 * s, (104 + 24 * k) * s, x, 17 * s, WARNING) for k, x in lines),
+    ]
+
+
+def _minus(number: str) -> str:
+    """Return a number with the sign of minus."""
+    return number.replace("-", "−")
 
 
 def _fitting(numbers: list[tuple[str, str]], width: float) -> list[tuple[str, str]]:
@@ -215,14 +228,16 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
     """
     time = replays[0].time
     end = float(time[-1] + (time[1] - time[0] if len(time) > 1 else 1.0))
+    end = min(end, max(replay.end for replay in replays) + AFTERWARDS)
     with rc_context(DARK):
         dpi = 100.0 * size[1] / PLOT_HEIGHT
         figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
         canvas = FigureCanvasAgg(figure)
         if replays[0].plan.is_cart_pole:
-            grid = figure.add_gridspec(2, 6)
-            places = ((0, 0, 3), (0, 3, 6), (1, 0, 2), (1, 2, 4), (1, 4, 6))
-            axes = [figure.add_subplot(grid[row, first:last]) for row, first, last in places]
+            below = 1 + len(replays[0].changing)
+            grid = figure.add_gridspec(2, 2 * below)
+            axes = [figure.add_subplot(grid[0, k * below : (k + 1) * below]) for k in (0, 1)]
+            axes += [figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(below)]
             curves = _plot(axes, replays, end)
         else:
             axes, curves = _plot_plant(figure, replays, end)
@@ -264,12 +279,20 @@ def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[L
         curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
         for axis, curve in zip(axes, curves, strict=False):
             lines += axis.plot(replay.time, curve, **style)
-    for axis, curve in zip(axes[3:], (replays[0].cart_mass, replays[0].half_length), strict=True):
+    for line in lines[2::3]:  # the force, in which noise shows
+        line.set_linewidth(0.7)
+    usual = [np.abs(x.force[x.time < x.end - FALLING]) for x in replays]
+    most = 1.1 * max([0.1, *np.concatenate(usual), *np.abs(replays[0].limits("force"))])
+    axes[2].set_ylim(-most, most)  # as a run falls, the force may diverge
+    labels = ["φ [rad]", "z [m]", "F [N]"]
+    for axis, (name, unit, curve) in zip(axes[3:], replays[0].changing, strict=True):
         lines += axis.plot(replays[0].time, curve, **PLAIN)
         axis.set_ylim(0.0, 1.1 * float(curve.max()))
-    axes[2].set_yscale("symlog", linthresh=5.0)
-    axes[2].set_yticks([-50, -5, 0, 5, 50], ["-50", "-5", "0", "5", "50"])
-    _label(axes, LABELS, end, axes[2:], lines[: 3 * len(replays) : 3])
+        labels.append(labelled(SAID.get(name, name), unit))
+    for axis, name in zip(axes, ("phi", "z", "force"), strict=False):
+        for limit in replays[0].limits(name):
+            axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
+    _label(axes, labels, end, axes[2:], lines[: 3 * len(replays) : 3])
     return lines
 
 
@@ -293,6 +316,9 @@ def _plot_plant(
             lines += axis.plot(replay.time, curve, **style)
     count = len(lines) // len(replays)
     first = len(plant.coordinates)
+    for axis, name in zip(axes, names, strict=False):
+        for limit in replays[0].limits(name):
+            axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
     for axis, (low, high) in zip(axes[first:], scenario.limits.tolist(), strict=False):
         for limit in (low, high):
             if math.isfinite(limit):

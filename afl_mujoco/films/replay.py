@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,11 +14,15 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.sampling import LONGEST_STEP
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
+
+AFTERWARDS = 1.0
+"""How long a film goes on when every run has ended, and shows a verdict at its end [s]."""
 
 GHOSTS = {True: "ideal ODE", False: "ideal loop"}
 """What the ghost of a cart-pole is, and that of another plant."""
@@ -62,6 +68,8 @@ class Replay:
     channels: NDArray[np.float64]  # what disturbs, shape (N, channels)
     values: NDArray[np.float64]  # parameters, shape (N, parameters)
     endings: tuple[tuple[float, str], ...] = ()
+    end: float = math.inf  # when MuJoCo's run ended [s]
+    verdict: str = ""  # how it met what is required
 
     @property
     def scenario(self) -> str:
@@ -123,9 +131,23 @@ class Replay:
                  *zip(plant.coordinates, self.state[index], strict=False))  # fmt: skip
         return found + [(labelled(name, plant.units[name]), f"{x:+.2f}") for name, x in shown]
 
+    def limits(self, name: str) -> list[float]:
+        """Return the limits of a coordinate or an input on both sides, and its end stops."""
+        asked, stop = self.plan.requirements, self.plan.imperfections.end_stops.get(name)
+        targets = dict(zip(self.plan.plant.coordinates, self.plan.target, strict=True))
+        most, about = asked.max.get(name), targets.get(name, 0.0)
+        found = [] if most is None else [about - most, about + most]
+        return found + ([] if stop is None else [-stop, stop])
+
     def ended(self, index: int) -> str:
         """Say which runs have ended before a frame, and how; empty if none has."""
         return "; ".join(text for time, text in self.endings if self.time[index] >= time)
+
+
+def last_frame(replays: Sequence[Replay], fps: int) -> int:
+    """Return the last frame of a film: `AFTERWARDS` after the last run ended, if all did."""
+    end = max(replay.end for replay in replays) + AFTERWARDS
+    return min(len(replays[0].time) - 1, math.ceil(min(end, replays[0].plan.duration) * fps))
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
@@ -149,6 +171,8 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
         integrator=deployment.integrator,
     )
     ideal = _ideal(scenario, controller, deployment)
+    asked = judge(scenario, run)
+    met = sum(one.met for one in asked)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = (times <= run.outcome.time)[:, None]
@@ -167,6 +191,8 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
             for name, end in (("MuJoCo", run), (GHOSTS[scenario.is_cart_pole], ideal))
             if end is not None and end.outcome.time < scenario.duration
         ),
+        end=run.outcome.time,
+        verdict=f"meets {met} of {len(asked)} requirements",
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +25,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import require_distinct
 
 MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames per second
-POSTER_TIME = 1.2  # instant of the poster of a film [s], at which the pole is moving
+POSTER_TIME = 1.0  # instant of the poster [s], by which no film has stopped early
 QUALITY = 21  # constant rate factor of x264: a little better than its default
 
 AS_IS = Deployment()
@@ -132,8 +132,8 @@ def make_films(
     with hidden_folder(folder, "films") as hidden, open_executor(workers) as executor:
         units = [(film, hidden) for film in planned]
         try:
-            for done, (index, _) in enumerate(executor(_make, units), start=1):
-                entry = planned[index].entry
+            for done, (index, count) in enumerate(executor(_make, units), start=1):
+                entry = replace(planned[index].entry, frames=count)
                 for name in (entry.poster, entry.file):
                     try:
                         (hidden / name).replace(folder / name)
@@ -147,18 +147,23 @@ def make_films(
     return [folder / film.entry.file for film in planned]
 
 
-def _make(unit: tuple[Film, Path]) -> None:
+def _make(unit: tuple[Film, Path]) -> int:
+    """Make a film in a folder, and return how many frames it has."""
     film, folder = unit
+    count = 0
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
     made = film.pictures(range(film.length))
 
     def pictures() -> Iterator[Picture]:
+        nonlocal count
         for index, picture in enumerate(made):
             if index == poster:
                 _write_picture(picture, folder / entry.poster)
+            count += 1
             yield picture
 
     write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
+    return count
 
 
 def write_video(

@@ -159,7 +159,7 @@ def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     assert report["verdict"] == "pass"
     written = {p.name for p in (folder / "out").iterdir()}
     texts = {"report.json", "report.md", "report.npz", "junit.xml", "report.html"}
-    figures = {name for name in written if name.endswith((".svg", ".png"))}
+    figures = {name for name in written if name.endswith((".svg", ".png", ".replay.json"))}
     assert written == texts | figures
     assert "report-runs-1.svg" in figures
     assert report["command"] == "afl-mujoco validate short.toml"

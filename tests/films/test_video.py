@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import resource
 import subprocess
 from dataclasses import replace
@@ -14,9 +15,11 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING
+from afl_mujoco.films.listing import LISTING, load_listing
 from afl_mujoco.films.replay import Deployment, record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.requirements import Requirements
 
 pytestmark = pytest.mark.slow
 
@@ -51,6 +54,26 @@ def test_a_film_decodes_with_each_of_its_frames(graphics, growing, tmp_path, bes
     names = {LISTING, film.entry.file, film.entry.poster}
     assert {path.name for path in tmp_path.iterdir()} == names
     assert film.entry.controllers == NAMES[: min(beside, 4)]
+
+
+def test_a_film_stops_a_second_after_every_run_has_fallen(graphics, growing, tmp_path):
+    falling = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0), duration=3.0)
+    film = side_by_side(falling, CONTROLLERS[:2], size=SIZE)
+    (file,) = make_films([film], tmp_path)
+    (entry,) = load_listing(tmp_path)
+    end = max(record(falling, one, Deployment(), 30).end for one in CONTROLLERS[:2])
+    assert len(decode(file)[1]) == entry.frames == math.ceil(30 * (end + 1.0)) + 1
+    assert entry.frames < film.length
+
+
+def test_a_film_knows_the_limits_and_how_many_requirements_are_met(growing):
+    asked = Requirements(max={"z": 0.05, "force": 500.0})
+    rail = replace(growing, requirements=asked, imperfections=Imperfections(end_stops={"z": 5.0}))
+    found = record(rail, CONTROLLERS[1], Deployment(), 30)
+    assert found.limits("z") == [-0.05, 0.05, -5.0, 5.0]
+    assert (found.limits("force"), found.limits("phi")) == ([-500.0, 500.0], [])
+    assert np.abs(found.state[:, 0]).max() > 0.05
+    assert found.verdict == "meets 3 of 4 requirements"
 
 
 def test_processes_make_the_same_films_one_of_each_run_and_one_side_by_side(
