@@ -42,7 +42,7 @@ $(STUDIES): $(READY)
 robustness: ## run every study of robustness: what happens if the loop is not ideal (30 minutes; ARGS="--quick": 5)
 	@for study in $(QUICK); do $(MAKE) --no-print-directory $$study || exit; done
 
-docs: $(READY) ## build the site into docs/_build/html, the tutorial executed, and the parts of README.md (2 minutes)
+docs: $(READY) ## make the pages of docs/ and README.md that have templates, and the site in docs/_build/html (2 minutes)
 	@$(PIP_INSTALL) --no-deps --requirement requirements-docs.lock
 	@$(BIN)/python -m docs.content
 	@$(BIN)/sphinx-build --fresh-env --fail-on-warning --keep-going --quiet -b html docs docs/_build/html $(ARGS)

@@ -11,11 +11,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
-os.environ["COLUMNS"] = "88"  # of the help texts
 
 from sphinx.application import Sphinx  # noqa: E402
 
-from docs.content import DOCS, FIGURES, Content, draw  # noqa: E402
+from docs.content import Content  # noqa: E402
 
 project = "afl_mujoco"
 author = "the afl_mujoco developers"
@@ -29,7 +28,7 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["results", "_build", "jupyter_execute", "parts"]
+exclude_patterns = ["results", "_build", "jupyter_execute", "pages"]
 
 html_theme = "furo"
 html_title = "afl_mujoco"
@@ -58,15 +57,8 @@ CONTENT = Content()
 
 
 def setup(app: Sphinx) -> None:
-    """Draw the figures, and put what nobody types into each page."""
-    app.connect("builder-inited", lambda _: draw(CONTENT.figures(), DOCS / FIGURES))
-    app.connect("source-read", _render)
+    """Put replays into the pages that have their mark."""
     app.connect("source-read", _replay)
-
-
-def _render(app: Sphinx, page: str, source: list[str]) -> None:
-    """Render a page, which is a template."""
-    source[0] = CONTENT.render(source[0])
 
 
 def _replay(app: Sphinx, page: str, source: list[str]) -> None:

@@ -1,14 +1,17 @@
 """What the pages hold that nobody types: tables, numbers, results, help texts.
 
-A page is a Jinja template. ``{{ table("imperfections") }}`` is what the code declares,
-``{{ thresholds.delay_adaptive }}`` a number of ``numbers.toml``, ``{{ sections("margins") }}`` what
-a study says of its result in ``results/``, ``{{ output("bench_batch") }}`` what a benchmark
-printed, ``{{ help("compare") }}`` the help of a command, ``{{ part("findings") }}`` a page of
-``parts/``, which README.md has too. An unknown name is an error.
+A page of ``pages/`` is a Jinja template. ``{{ table("imperfections") }}`` is what the code
+declares, ``{{ thresholds.delay_adaptive }}`` a number of ``numbers.toml``,
+``{{ sections("margins") }}`` what a study says of its result in ``results/``,
+``{{ output("bench_batch") }}`` what a script printed, ``{{ code("examples/quickstart.py") }}`` a
+file, ``{{ help("compare") }}`` the help of a command, ``{{ part("findings") }}`` a page of
+``pages/parts``, which README.md has too. A link that begins with a slash is from this folder. An
+unknown name is an error.
 
     python -m docs.content
 
-writes the parts into README.md.
+writes the pages, the parts of README.md, and the figures that they show. All of these are
+committed, so that they can be read where the repository is.
 """
 
 from __future__ import annotations
@@ -17,15 +20,21 @@ import contextlib
 import io
 import json
 import math
+import os
+import re
+import shutil
 import textwrap
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from posixpath import normpath
 from typing import Any
+from unittest import mock
 
 import jinja2
+from PIL import Image
 
 import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
@@ -34,7 +43,7 @@ from afl_mujoco.report.blocks import Block, Figure, Replay, Section, drawn_of, f
 from afl_mujoco.report.markdown import plain, to_markdown
 from afl_mujoco.report.numbers import ceil_to, floor_to, short
 from afl_mujoco.report.page import replay_html
-from afl_mujoco.report.style import save_figure, styled, write_figure
+from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.studies.record import Record, load_record
 from afl_mujoco.studies.registry import studies
 from docs.tables import (
@@ -47,24 +56,32 @@ from docs.tables import (
 )
 
 DOCS = Path(__file__).parent
+PAGES = DOCS / "pages"
+README = DOCS.parent / "README.md"
 RESULTS = DOCS / "results"
 SHIPPED = Path(afl_mujoco.__file__).parent / "control" / "data"
 """Results that come with the package."""
 
-FIGURES = "generated"
-"""Folder of the figures that a build draws, beside this file."""
+FIGURES = "figures"
+"""Folder of the figures that the pages show, beside this file."""
+
+COLOURS = 128
+"""Of a picture: a third of the bytes, and no difference to see."""
 
 GALLERY = {
-    "thresholds": "explanation/robustness.md",
-    "attraction": "explanation/robustness.md",
-    "margins": "explanation/robustness.md",
-    "montecarlo": "explanation/random_hardware.md",
-    "estimation": "explanation/estimation.md",
-    "hardware": "explanation/hardware.md",
+    "thresholds": "/explanation/robustness.md",
+    "attraction": "/explanation/robustness.md",
+    "margins": "/explanation/robustness.md",
+    "montecarlo": "/explanation/random_hardware.md",
+    "estimation": "/explanation/estimation.md",
+    "hardware": "/explanation/hardware.md",
 }
 """Studies whose figures the gallery shows, and the page that explains them."""
 
-PARTS = ("abstract", "findings")
+KINDS = {".py": "python", ".toml": "toml"}
+"""Languages of files that pages show."""
+
+PARTS = ("abstract", "start", "findings")
 """What README.md has of the site, each between its marks."""
 
 
@@ -86,6 +103,7 @@ def loop(case: Any, parameters: str, noise: bool) -> Any:
 
 
 NAMES = {
+    "float": float,
     "len": len,
     "max": max,
     "min": min,
@@ -164,7 +182,8 @@ class Content:
         for folder in (self.results, SHIPPED):
             if (path := folder / f"{group}.json").is_file():
                 return json.loads(path.read_text(encoding="utf-8"))
-        return None
+        path = self.results / f"{group}.txt"
+        return path.read_text(encoding="utf-8") if path.is_file() else None
 
     @cached_property
     def _tables(self) -> dict[str, str]:
@@ -184,11 +203,15 @@ class Content:
         return self._tables[name]
 
     def sections(self, study: str, *anchors: str, level: int = 2) -> str:
-        """Return what a study shows of its result, or those of its sections that are asked for."""
+        """Return what a study shows of its result, or what is in the sections asked for.
+
+        Of a section that is asked for, the page has the heading; sections in it are left out.
+        """
         found = self._blocks(study)
         if anchors:
-            known = {section.anchor: section for section in _all_of(found)}
-            found = [known[anchor] for anchor in anchors]
+            known = {section.anchor: section.blocks for section in _all_of(found)}
+            blocks = (block for anchor in anchors for block in known[anchor])
+            found = [block for block in blocks if not isinstance(block, Section)]
         return to_markdown(list(_on_the_site(found)), level)
 
     def _blocks(self, study: str) -> Sequence[Block]:
@@ -199,13 +222,13 @@ class Content:
         return [plain(shown.headline), *shown.blocks]
 
     def output(self, name: str) -> str:
-        """Return what a benchmark printed."""
+        """Return what a script printed."""
         text = (self.results / f"{name}.txt").read_text(encoding="utf-8")
         return f"```text\n{text}```"
 
     def part(self, name: str) -> str:
         """Return a part that the README has too."""
-        return self.render((DOCS / "parts" / f"{name}.md").read_text(encoding="utf-8")).rstrip("\n")
+        return self.render((PAGES / "parts" / f"{name}.md").read_text(encoding="utf-8")).rstrip()
 
     def replay(self, scenario: str) -> str:
         """Return the replay of a scenario of the paper, as a page of the site has it."""
@@ -219,31 +242,48 @@ class Content:
         for study in self.records:
             yield from figures_of(self._blocks(study))
 
-    def pictures(self) -> list[tuple[str, str, str, str]]:
-        """Return the figures of the gallery: title, file, text in its place, and page."""
-        found = []
-        for study, page in GALLERY.items():
-            for figure in figures_of(self._blocks(study)):
-                found.append((figure.title, f"/{FIGURES}/{figure.files['png']}", figure.alt, page))
+    def gallery(self) -> list[tuple[str, str]]:
+        """Return the figures of the gallery, and the page that explains each."""
+        return [
+            (to_markdown(list(_on_the_site([figure]))), page)
+            for study, page in GALLERY.items()
+            for figure in figures_of(self._blocks(study))
+        ]
+
+    def pages(self) -> dict[Path, str]:
+        """Return every page that is made of a template, README.md too, by its path."""
+        found = {README: _from(readme(self, README.read_text(encoding="utf-8")), "docs/")}
+        for page in sorted(PAGES.rglob("*.md")):
+            name = page.relative_to(PAGES)
+            if name.parts[0] != "parts":
+                text = self.render(page.read_text(encoding="utf-8"))
+                made = f"<!-- Made by `make docs` of docs/pages/{name}: change that. -->\n\n"
+                found[DOCS / name] = made + _from(text, "../" * (len(name.parts) - 1))
         return found
 
     def render(self, text: str) -> str:
-        """Return a page."""
+        """Return a text with what it asks for."""
         context = {
             **self.numbers,
             "table": self.table,
             "sections": self.sections,
             "output": self.output,
+            "code": code,
             "help": help_of,
             "commands": commands,
             "part": self.part,
             "films": films,
-            "pictures": self.pictures,
+            "gallery": self.gallery,
         }
         environment = jinja2.Environment(
-            undefined=jinja2.StrictUndefined, keep_trailing_newline=True
+            undefined=jinja2.StrictUndefined, keep_trailing_newline=True, trim_blocks=True
         )
         return environment.from_string(text).render(context)
+
+
+def _from(text: str, there: str) -> str:
+    """Return a text whose links that begin with a slash are by the way from its page to here."""
+    return re.sub(r"\]\(/([^)]*)\)", lambda link: f"]({normpath(there + link[1])})", text)
 
 
 def _number(declared: Mapping[str, Any], result: Any) -> Number:
@@ -281,17 +321,28 @@ def help_of(command: str) -> str:
     """Return the help of a command."""
     if command not in commands():
         raise KeyError(f"no command {command!r}")
-    with contextlib.redirect_stdout(io.StringIO()) as printed:
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as printed,
+        mock.patch.dict(os.environ, COLUMNS="88"),
+    ):
         main([command, "--help"])
     lines = printed.getvalue().splitlines()
     return "\n".join(textwrap.fill(x, 88) if x and not x.startswith(" ") else x for x in lines)
 
 
-def draw(figures: Iterator[Figure], folder: Path) -> None:
-    """Draw the figures of the results into a folder, and those of `research`."""
-    folder.mkdir(exist_ok=True)
-    for figure in figures:
-        write_figure(figure, folder)
+def code(name: str) -> str:
+    """Return a file of the repository as it is."""
+    text = (DOCS.parent / name).read_text(encoding="utf-8").strip()
+    return f"```{KINDS[Path(name).suffix]}\n{text}\n```"
+
+
+def shown_in(pages: Iterable[str]) -> set[str]:
+    """Return the names of the figures that pages show."""
+    return {name for text in pages for name in re.findall(rf"\b{FIGURES}/([\w-]+)\.png\)", text)}
+
+
+def draw(content: Content, names: set[str]) -> None:
+    """Draw the figures of the results and of `research` that have one of some names, no others."""
     from research.figures import draw_contest, draw_gain_table, draw_sensitivity, fits_of
     from research.gain_tuning import GainTable
     from research.optimisers import load_result
@@ -301,13 +352,18 @@ def draw(figures: Iterator[Figure], folder: Path) -> None:
         for file in (RESULTS / "readings.json", SHIPPED / "gain_functions.json")
     )
     contest = load_result(RESULTS / "optimisers.json")
-    with styled():
-        for name, figure in (
-            ("optimisers", draw_contest(contest)),
-            ("gain_table", draw_gain_table(GainTable.shipped(), fits_of(functions))),
-            ("readings", draw_sensitivity(readings["sensitivity"]["cases"])),
-        ):
-            save_figure(figure, folder / f"{name}.png")
+    found = {figure.name: figure.draw for figure in content.figures()} | {
+        "optimisers": lambda: draw_contest(contest),
+        "gain_table": lambda: draw_gain_table(GainTable.shipped(), fits_of(functions)),
+        "readings": lambda: draw_sensitivity(readings["sensitivity"]["cases"]),
+    }
+    shutil.rmtree(DOCS / FIGURES, ignore_errors=True)
+    (DOCS / FIGURES).mkdir()
+    for name in sorted(names):
+        path = DOCS / FIGURES / f"{name}.png"
+        with styled():
+            save_figure(found[name](), path)
+        Image.open(path).convert("RGB").quantize(COLOURS).save(path, optimize=True)
 
 
 def films() -> list[tuple[str, str]]:
@@ -333,6 +389,14 @@ def readme(content: Content, text: str) -> str:
     return text
 
 
+def write() -> None:
+    """Write every page that is made of a template, and the figures that they show."""
+    content = Content()
+    pages = content.pages()
+    for path, text in pages.items():
+        path.write_text(text, encoding="utf-8")
+    draw(content, shown_in(pages.values()))
+
+
 if __name__ == "__main__":
-    README = DOCS.parent / "README.md"
-    README.write_text(readme(Content(), README.read_text(encoding="utf-8")), encoding="utf-8")
+    write()

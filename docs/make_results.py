@@ -21,7 +21,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.studies.record import versions
-from docs.content import RESULTS, Content
+from docs.content import DOCS, RESULTS, Content
 from docs.sources import MADE, ROOT, SOURCES, Source
 
 
@@ -33,7 +33,7 @@ def make(source: Source, folder: Path) -> None:
     SystemExit
         If what makes it fails, and nothing is replaced.
     """
-    if source.benchmark:
+    if source.script:
         _write_output(source, folder)
         return
     old = [(MADE / source.file).with_suffix(suffix) for suffix in (".json", ".npz")]
@@ -53,7 +53,7 @@ def make(source: Source, folder: Path) -> None:
 
 
 def _write_output(source: Source, folder: Path) -> None:
-    """Write what a benchmark prints."""
+    """Write what a script prints, and keep what it draws."""
     environment = {**os.environ, "COLUMNS": "100", "PYTHONPATH": str(ROOT)}
     ended = subprocess.run(
         [sys.executable, *source.command.split()[1:]],
@@ -67,6 +67,8 @@ def _write_output(source: Source, folder: Path) -> None:
     made_by = ", ".join(f"{name} {number}" for name, number in versions().items())
     text = f"$ {source.command}\n{ended.stdout.strip()}\n\n{made_by}, {os.cpu_count()} cores\n"
     (folder / source.file).write_text(text, encoding="utf-8")
+    if (picture := ROOT / "renders" / f"{source.name}.png").is_file():
+        shutil.copy(picture, DOCS / "img")
 
 
 def moved(before: Content, now: Content, names: Sequence[str]) -> list[str]:
@@ -95,10 +97,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for source in SOURCES
         if (source.cheap or not options.cheap)
         and source.name in (options.names or names)
-        and not (options.check and source.benchmark)  # its times differ from machine to machine
+        and not (options.check and source.script)  # times differ from machine to machine
     ]
     if not chosen:
-        parser.error("nothing is left to do: a benchmark is not compared, and not all is cheap")
+        parser.error("nothing is left to do: output is not compared, and not all is cheap")
     if options.list:
         print("\n".join(f"{s.name:<28}{s.minutes:>5g} minutes on two cores" for s in chosen))
         return 0

@@ -27,7 +27,7 @@ class Source:
     Attributes
     ----------
     name
-        Of the study, the benchmark or the module of ``research``.
+        Of the study, the benchmark, the example or the module of ``research``.
     minutes
         That it takes on two cores.
     words
@@ -39,9 +39,11 @@ class Source:
     words: tuple[str, ...] = ()
 
     @property
-    def benchmark(self) -> bool:
-        """Whether what it prints is kept: its times differ from machine to machine."""
-        return self.name.startswith("bench_")
+    def script(self) -> str:
+        """The script whose output is kept as it is printed, empty if a study is run."""
+        folder = "benchmarks" if self.name.startswith("bench_") else "examples"
+        path = f"{folder}/{self.name}.py"
+        return path if (ROOT / path).is_file() else ""
 
     @property
     def research(self) -> bool:
@@ -53,23 +55,24 @@ class Source:
         """What makes it, as typed into a shell."""
         if self.research:
             return RESEARCH[self.name]
-        first = f"python benchmarks/{self.name}.py" if self.benchmark else f"afl-mujoco {self.name}"
+        first = f"python {self.script}" if self.script else f"afl-mujoco {self.name}"
         return shlex.join([*first.split(), *self.words])
 
     @property
     def file(self) -> str:
         """The file of ``docs/results``."""
-        if self.benchmark:
+        if self.script:
             return f"{self.name}.txt"
         return f"{self.name if self.research else find_study(self.name).stem}.json"
 
     @property
     def cheap(self) -> bool:
         """Whether CI makes it anew."""
-        return self.minutes <= CHEAP and not self.benchmark
+        return self.minutes <= CHEAP and not self.script
 
 
 SOURCES = (
+    Source("quickstart", 1),
     Source("validate", 2, ("--full",)),
     Source("estimation", 0.5),
     Source("readings", 25),

@@ -7,19 +7,15 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
-from mpl_toolkits.mplot3d import Axes3D
-from numpy.typing import NDArray
 
-from afl_mujoco.control.gains import GAIN_NAMES, GainFunction, scheduled_gain
+from afl_mujoco.control.gains import GainFunction, scheduled_gain
 from afl_mujoco.report.style import BLUE, GREY, VERMILION, new_figure, styled
 from research.gain_tuning import GainTable
 from research.optimisers import Result
 from research.readings import EDGES
 
-SYMBOLS = {"switching": "K [m/s²]", "slope": "λ [1/s]", "boundary_layer": "Φ [m/s³]"}
 MASSES = (0.1, 0.5, 1.0, 2.0)
 """Cart masses whose slopes are drawn over the half-length [kg]."""
 
@@ -28,45 +24,9 @@ MARKERS = ("o", "s", "^", "D")
 
 
 def draw_gain_table(table: GainTable, fits: dict[str, GainFunction]) -> Figure:
-    """Draw the analogue of the paper's Figs. 2 to 4."""
-    figure = new_figure(11.0, 8.6)
-    grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.15))
-    published = next(iter(fits.values()))
-    for place, name in enumerate(GAIN_NAMES):
-        surface = figure.add_subplot(grid[0, place], projection="3d")
-        _draw_surface(surface, table, name, published)
-    _draw_slopes(figure.add_subplot(grid[1, :]), table, fits)
-    return figure
-
-
-def _grid(table: GainTable, name: str) -> tuple[NDArray[np.float64], ...]:
-    """Return masses, lengths and a gain as matrices."""
-    masses, lengths = (np.unique(table.column(x)) for x in ("cart_mass", "half_length"))
-    order = np.lexsort((table.column("half_length"), table.column("cart_mass")))
-    gain = table.column(name)[order].reshape(len(masses), len(lengths))
-    return (*np.meshgrid(masses, lengths, indexing="ij"), gain)
-
-
-def _draw_surface(axes: Axes3D, table: GainTable, name: str, published: GainFunction) -> None:
-    """Draw one gain: the optima as a surface, the paper's function as a wire frame."""
-    masses, lengths, gain = _grid(table, name)
-    paper = scheduled_gain(masses, lengths, getattr(published, name))
-    shades = {"vmin": gain.min(), "vmax": max(gain.max(), 1.001 * gain.min())}  # no round-off
-    facets = 20 if np.ptp(gain) > 1e-9 * gain.max() else 1  # a plane needs no more
-    axes.plot_surface(
-        masses, lengths, gain, cmap="viridis", alpha=0.9, linewidth=0, rcount=facets,
-        ccount=facets, **shades,
-    )  # fmt: skip
-    axes.plot_wireframe(masses, lengths, paper, color="0.35", linewidth=0.6, rstride=2, cstride=2)
-    axes.set_xlabel("M [kg]")
-    axes.set_ylabel("l [m]")
-    axes.set_xticks((0.0, 0.5, 1.0, 1.5, 2.0))
-    axes.set_title(f"{SYMBOLS[name]}: optima (surface), paper (wires)", fontsize=10)
-    axes.view_init(elev=24, azim=38)
-
-
-def _draw_slopes(axes: Axes, table: GainTable, fits: dict[str, GainFunction]) -> None:
     """Draw lambda over l: the optima as marks, the fits as lines, for some masses."""
+    figure = new_figure(9.0, 5.0)
+    axes = figure.add_subplot()
     lengths = np.linspace(0.05, 1.0, 200)
     styles = (":", "--", "-")
     for mass, colour, marker in zip(MASSES, COLOURS, MARKERS, strict=True):
@@ -80,8 +40,9 @@ def _draw_slopes(axes: Axes, table: GainTable, fits: dict[str, GainFunction]) ->
             axes.plot(lengths, slope, style, color=colour, linewidth=1.2)
     for name, style in zip(fits, styles, strict=True):
         axes.plot([], [], style, color="0.2", label=name)
-    axes.set(xlabel="half-length l [m]", ylabel=SYMBOLS["slope"], xlim=(0.0, 1.02), ylim=(0.0, 6.2))
+    axes.set(xlabel="half-length l [m]", ylabel="λ [1/s]", xlim=(0.0, 1.02), ylim=(0.0, 6.2))
     axes.legend(ncols=2, fontsize=9, loc="upper right")
+    return figure
 
 
 def fits_of(functions: Mapping[str, Any]) -> dict[str, GainFunction]:

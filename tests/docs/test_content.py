@@ -12,29 +12,39 @@ import jinja2
 import pytest
 
 from docs import make_results
-from docs.content import DOCS, Content, readme, rewrite
+from docs.content import DOCS, FIGURES, PAGES, README, Content, rewrite, shown_in
 from docs.sources import SOURCES
 
-PAGES = sorted(
-    page
-    for page in DOCS.rglob("*.md")
-    if not {"_build", "jupyter_execute"} & set(page.relative_to(DOCS).parts)
-)
 CONTENT = Content()
+MADE = CONTENT.pages()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(DOCS)))
-def test_every_page_gets_all_that_it_asks_for(page: Path) -> None:
-    assert "{{" not in CONTENT.render(page.read_text(encoding="utf-8"))
+@pytest.mark.parametrize("page", MADE, ids=lambda page: str(page.relative_to(DOCS.parent)))
+def test_every_page_is_as_the_templates_and_results_make_it(page: Path) -> None:
+    assert page.read_text(encoding="utf-8") == MADE[page], "run: make docs"
 
 
-def test_the_readme_says_what_the_results_say() -> None:
-    text = (DOCS.parent / "README.md").read_text(encoding="utf-8")
-    assert text == readme(CONTENT, text), "run: make docs"
+def test_what_can_be_read_in_the_repository_asks_for_nothing() -> None:
+    pages = {page for page in DOCS.rglob("*.md") if "_build" not in page.parts} | {README}
+    there = {page for page in pages if PAGES not in page.parents}
+    assert set(MADE) < there
+    assert [page for page in there if "{{ " in page.read_text(encoding="utf-8")] == []
+
+
+def test_every_figure_that_a_page_shows_is_there_and_no_other() -> None:
+    there = {path.stem for path in (DOCS / FIGURES).iterdir()}
+    assert there == shown_in(MADE.values()), "run: make docs"
+
+
+def test_a_link_is_by_the_way_from_its_page() -> None:
+    finding = "(docs/explanation/claims.md#random-schedules)"
+    assert finding in MADE[README]
+    assert finding.replace("docs/", "") in MADE[DOCS / "index.md"]
+    assert "](../figures/thresholds.png)" in MADE[DOCS / "explanation" / "robustness.md"]
 
 
 def test_every_number_that_is_declared_is_in_a_page() -> None:
-    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
     declared = tomllib.loads((DOCS / "numbers.toml").read_text(encoding="utf-8"))
     names = {f"{group}.{name}" for group, numbers in declared.items() for name in numbers}
     assert names - set(re.findall(r"{{ (\w+\.\w+) }}", text)) == set()
@@ -48,7 +58,7 @@ def test_every_result_of_the_pages_has_a_command() -> None:
     }
     for source in SOURCES:
         text = (DOCS / "results" / source.file).read_text(encoding="utf-8")
-        made = f"$ {source.command}\n" if source.benchmark else f'"command": "{source.command}"'
+        made = f"$ {source.command}\n" if source.script else f'"command": "{source.command}"'
         assert made in text, source.file
 
 
