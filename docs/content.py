@@ -50,6 +50,7 @@ from docs.tables import (
     faults_table,
     mutants_table,
     optimisers_table,
+    printed_table,
     readings_tables,
     survivors_table,
     tables,
@@ -195,6 +196,7 @@ class Content:
             "surviving mutants": survivors_table(self.results, "survived"),
             "equivalent mutants": survivors_table(self.results, "equivalent"),
             "optimisers": optimisers_table(self.results),
+            "quickstart": printed_table(self.results, "quickstart"),
             **readings_tables(self.results),
         }
 
@@ -258,7 +260,8 @@ class Content:
             if name.parts[0] != "parts":
                 text = self.render(page.read_text(encoding="utf-8"))
                 made = f"<!-- Made by `make docs` of docs/pages/{name}: change that. -->\n\n"
-                found[DOCS / name] = made + _from(text, "../" * (len(name.parts) - 1))
+                text = text.replace("# ", f"{made}# ", 1)  # behind what a notebook begins with
+                found[DOCS / name] = _from(text, "../" * (len(name.parts) - 1))
         return found
 
     def render(self, text: str) -> str:

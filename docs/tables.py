@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import inspect
 import json
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from itertools import groupby, pairwise
+from itertools import groupby, takewhile
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +42,15 @@ def cells_as_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     lines = [header, ("---",) * len(header), *rows]
     cells = [[cell.replace("|", "\\|") for cell in line] for line in lines]
     return "".join(f"| {' | '.join(line)} |\n" for line in cells)
+
+
+def printed_table(folder: Path, name: str) -> str:
+    """Return the table that a script printed, whose header is underlined."""
+    lines = (folder / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    under = next(k for k, line in enumerate(lines) if line.startswith("──"))
+    rows = takewhile(len, (line.strip() for line in [lines[under - 1], *lines[under + 1 :]]))
+    header, *cells = (re.split(r" {2,}", row) for row in rows)
+    return cells_as_table(header, cells)
 
 
 def angle_table() -> str:
@@ -194,12 +202,12 @@ def _comments(kind: type) -> dict[str, str]:
 
 def fields_table() -> str:
     """Return the fields of `Imperfections`: key, unit, default, meaning."""
-    said = _docstrings(Imperfections)
+    said = _attributes(Imperfections)
     rows = []
     for name in (field.name for field in fields(Imperfections)):
         units = [one.unit for path, one in DECLARATIONS.items() if path.partition(".")[0] == name]
         unit = ", ".join(filter(None, units)) or "–"
-        rows.append((f"`{name}`", unit, _default(getattr(IDEAL, name)), said[name]))
+        rows.append((f"`{name}`", unit, _default(getattr(IDEAL, name)), _without(unit, said[name])))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 
@@ -216,8 +224,13 @@ def requirements_table() -> str:
         units = dict.fromkeys(asked[key].unit for key in keys if key in asked)
         unit = "–" if isinstance(field.default, bool) else ", ".join(units)
         default = _default(defaults.get(field.name, field.default))
-        rows.append((f"`{field.name}`", unit, default, said[field.name]))
+        rows.append((f"`{field.name}`", unit, default, _without(unit, said[field.name])))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
+
+
+def _without(unit: str, text: str) -> str:
+    """Return a text without the unit that stands in a column of its own."""
+    return text.replace(f" [{unit}]", "")
 
 
 def _default(value: Any) -> str:
@@ -257,17 +270,3 @@ def space_table() -> str:
         text = " to ".join(f"{x:.4g}" for x in ends)
         rows.append((f"`{name}`", unit, text, REASONS[name]))
     return cells_as_table(("field", "unit", "range", "why"), rows)
-
-
-def _docstrings(kind: type) -> Mapping[str, str]:
-    """Return the docstring under each field of a dataclass, on one line."""
-
-    def found() -> Iterator[tuple[str, str]]:
-        (source,) = ast.parse(inspect.getsource(kind)).body
-        assert isinstance(source, ast.ClassDef)
-        for one, following in pairwise(source.body):
-            if isinstance(one, ast.AnnAssign) and isinstance(following, ast.Expr):
-                text = ast.literal_eval(following.value)
-                yield ast.unparse(one.target), " ".join(text.split()).removesuffix(".")
-
-    return dict(found())

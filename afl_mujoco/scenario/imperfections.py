@@ -143,53 +143,73 @@ class Imperfections(Checked):
     cart. What is said of several coordinates or inputs is one number for all of them, or a table by
     name: ``noise={"phi": 5e-4}``.
 
+    Attributes
+    ----------
+    control_period
+        Time between two control ticks, a multiple of the simulator's timestep; by default the
+        simulator's own setting [s].
+    delay
+        Transport delay from the control tick to the actuator; it may be a fraction of a step [s].
+    lag
+        Time constant of the actuator's first-order lag [s].
+    input_limit
+        Largest force of the actuator [N].
+    slew_rate
+        Largest rate at which the actuator changes its force [N/s].
+    encoder_step
+        Resolution of the sensor of a coordinate: readings are rounded to the nearest multiple; 0
+        for an exact sensor, else at least 1e-12 [m, rad].
+    differentiated
+        Whether the velocities that the controller gets are backward differences of the measured
+        positions over a control period, zero at the first tick.
+    noise
+        Standard deviation of the white noise on a coordinate, or on its rate (`phi_dot`), at each
+        tick; that of rates is not used where velocities are differentiated [m, rad, m/s, rad/s].
+    velocity_filter
+        Time constant of the first-order low-pass on the velocities that the controller gets [s].
+    damping
+        Viscous friction of a coordinate: of the cart on its rail, of the hinge [N s/m, N m s/rad].
+    dry_friction
+        Dry (Coulomb) friction of a coordinate [N, N m].
+    armature
+        Inertia of a drive that moves with a coordinate but has no weight [kg, kg m²].
+    tip_mass_share
+        Share of the pole's mass m that is a point mass at its tip, from 0 to below 1; l stays half
+        the length of the rod [1].
+    pole_radius
+        Radius of the rod, a solid capsule as MuJoCo draws it; 0 is the slender rod [m].
+    parameter_delay
+        Delay with which the controller gets M and l [s].
+    end_stops
+        How far a coordinate can go to either side of 0 before it hits an end stop, which gives by a
+        few mm at 1 m/s [m].
+    seed
+        Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is set.
+
     Raises
     ------
     InvalidValueError
-        If a value breaks its rule.
+        If a number is negative or not finite, a limit, a period or an end stop not positive, a step
+        of an encoder finer than 1e-12, a share not below 1, or the seed no whole number in range.
     """
 
     control_period: Positive | None = None
-    """Time between two control ticks, a multiple of the simulator's timestep; by default the
-    simulator's own setting."""
     delay: _Numbers = 0.0
-    """Transport delay from the control tick to the actuator; it may be a fraction of a step."""
     lag: _Numbers = 0.0
-    """Time constant of the actuator's first-order lag."""
     input_limit: _Limit | None = None
-    """Largest force of the actuator."""
     slew_rate: _Limit | None = None
-    """Largest rate at which the actuator changes its force."""
     encoder_step: Annotated[Any, by_name(require_resolution)] = EMPTY
-    """Resolution of the sensor of a coordinate: readings are rounded to the nearest multiple; 0 for
-    an exact sensor, else at least 1e-12."""
     differentiated: Switch = False
-    """Whether the velocities that the controller gets are backward differences of the measured
-    positions over a control period (zero at the first tick)."""
     noise: _Numbers = EMPTY
-    """Standard deviation of the white noise on a coordinate, or on its rate (`phi_dot`), at each
-    tick; that of rates is not used where velocities are differentiated."""
     velocity_filter: NotNegative = 0.0
-    """Time constant of the first-order low-pass on the velocities that the controller gets."""
     damping: _Numbers = EMPTY
-    """Viscous friction of a coordinate: of the cart on its rail, of the hinge."""
     dry_friction: _Numbers = EMPTY
-    """Dry (Coulomb) friction of a coordinate."""
     armature: _Numbers = EMPTY
-    """Inertia of a drive that moves with a coordinate but has no weight."""
     tip_mass_share: Annotated[float, require_share] = 0.0
-    """Share of the pole's mass m that is a point mass at its tip, from 0 to below 1; l stays half
-    the length of the rod."""
     pole_radius: NotNegative = 0.0
-    """Radius of the rod, a solid capsule as MuJoCo draws it; 0 is the slender rod."""
     parameter_delay: NotNegative = 0.0
-    """Delay with which the controller gets M and l."""
     end_stops: _Limit = EMPTY
-    """How far a coordinate can go to either side of 0 before it hits an end stop, which gives by a
-    few mm at 1 m/s."""
     seed: Annotated[int, require_seed] = 0
-    """Seed of the noise, 0 to 2**63 - 1; the same seed gives the same noise, whatever else is
-    set."""
 
     def at(self, path: str) -> Any:
         """Return a number by its path, ``delay`` or ``noise.phi``; what is ideal where it has none.

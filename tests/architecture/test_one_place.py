@@ -13,9 +13,8 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 
-TOY = '''    stiction: NotNegative = 0.0
-    """A toy."""
-'''
+TOY = "    stiction: NotNegative = 0.0\n"
+SAID = "    stiction\n        A toy.\n"
 DECLARED = """    "stiction": Declaration("N",
         (Imperfection(name="stiction", title="stiction", unit="mN", fields={"stiction": 1.0},
             scale=1e3, reference=0.1, benign=0.01, harsh=10.0),),
@@ -87,6 +86,7 @@ def run(package: Path, *arguments: str) -> str:
 def test_an_imperfection_touches_one_file(package: Path) -> None:
     source = package / "scenario" / "imperfections.py"
     insert(source, "    seed: Annotated", TOY)
+    insert(source, "    seed\n        Seed of the noise", SAID)
     insert(source, '})  # fmt: skip\n"""The declaration of each number', DECLARED)
     run(package, "-c", LOOK)
 
