@@ -7,6 +7,9 @@ import re
 import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -24,6 +27,7 @@ release = version = version_of("afl_mujoco")
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
+    "sphinx.ext.viewcode",
     "numpydoc",
     "sphinx_copybutton",
     "sphinx_design",
@@ -46,7 +50,8 @@ nb_merge_streams = True
 nb_render_markdown_format = "gfm"  # its tables
 
 default_role = "code"  # docstrings quote code by single backticks
-autodoc_typehints = "none"  # they stand in the signature
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 80
 numpydoc_show_class_members = False
 suppress_warnings = ["ref.python"]  # a field of two classes has one name
 autodoc_member_order = "bysource"
@@ -54,10 +59,29 @@ copybutton_prompt_text = "$ "
 
 CONTENT = Content()
 
+PLAIN = {
+    r"~typing\.Annotated\[([^\[\]]*), <function \S+ at 0x\w+>\]": r"\1",
+    r"~numpy\.ndarray\[tuple\[~typing\.Any, \.\.\.\], ~numpy\.dtype\[[^\]]*\]\]": "~numpy.ndarray",
+    r"~numpy\.\S*_Buffer.*?\[complex \| bytes \| str\]": "ArrayLike",
+    r"Plant\(name='cart-pole'.*?'gravity'\)\)": "'cart-pole'",
+    "<factory>": "{}",
+    " = <property object[^>]*>": "",
+}
+"""How a signature shows what stands in it at length."""
+
 
 def setup(app: Sphinx) -> None:
-    """Put replays into the pages that have their mark."""
+    """Put replays into pages, and shorten the signatures of the API."""
     app.connect("source-read", _replay)
+    app.connect("autodoc-process-signature", _plainly)
+
+
+def _plainly(*found: Any) -> tuple[str | None, str | None]:
+    """Return a signature and what it returns as a reader writes them."""
+    texts = found[-2:]
+    for long, short in PLAIN.items():
+        texts = tuple(text and re.sub(long, short, text) for text in texts)
+    return texts
 
 
 def _replay(app: Sphinx, page: str, source: list[str]) -> None:

@@ -45,7 +45,7 @@ class GainGrid:
     Raises
     ------
     InvalidValueError
-        If a value breaks its rule.
+        If nodes are not positive and increasing, or the table is not finite or of another shape.
     """
 
     masses: NDArray[np.float64]

@@ -122,7 +122,13 @@ class Requirements:
     Raises
     ------
     InvalidValueError
-        If a value breaks its rule.
+        If a limit, a time or a band is not positive and finite, or a table is none.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.Requirements(max={"z": 1.0, "force": 250.0}, settling_time=6.0).settling_time
+    6.0
     """
 
     completes: Switch = True

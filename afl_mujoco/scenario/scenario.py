@@ -157,8 +157,19 @@ class Scenario:
 
     Raises
     ------
+    UnknownNameError
+        If a name is none of the plant's.
     InvalidValueError
-        If a value breaks its rule.
+        If a number is out of its range, an initial state lies beyond an end stop, a delay is not
+        shorter than the duration, or no run could show a requirement.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> load = afl.staircase([5.0], [1.0, 1.5])
+    >>> cart = afl.Scenario(name="cart", schedule={"cart_mass": load}, initial_state={"phi": 0.2})
+    >>> cart.parameters_at(6.0).cart_mass
+    1.5
     """
 
     name: str

@@ -449,8 +449,12 @@ class CartPoleModel(SimulatedModel):
 
     Raises
     ------
-    AflMujocoError
-        If a setting breaks its rule, or the MJCF cannot be read.
+    UnknownNameError
+        If there is no such integrator.
+    InvalidValueError
+        If the timestep is not positive.
+    FileError
+        If the MJCF cannot be read.
     """
 
     def __init__(

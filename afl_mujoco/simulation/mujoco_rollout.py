@@ -413,8 +413,19 @@ def simulate_mujoco(
 
     Raises
     ------
-    AflMujocoError
-        If a setting breaks its rule.
+    UnknownNameError
+        If there is no scenario, controller, mode or integrator of that name.
+    InvalidValueError
+        If the step is not positive or does not divide the control period, if the scenario has
+        imperfections or the controller a memory and the mode is not sampled, or if the mode or the
+        plant does not take `dynamics` and `jumps`.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> run = afl.simulate_mujoco("step-step", "adaptive")
+    >>> str(run.outcome)
+    'completed'
     """
     if mode not in MODES:
         raise UnknownNameError.among("mode", mode, MODES)

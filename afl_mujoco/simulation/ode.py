@@ -103,8 +103,18 @@ def simulate_ode(
 
     Raises
     ------
-    AflMujocoError
-        If a setting breaks its rule.
+    UnknownNameError
+        If there is no scenario, controller, method, dynamics or jumps of that name.
+    InvalidValueError
+        If the scenario has imperfections, the controller a memory, the plant no equations, or a
+        period or tolerance is not positive.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> run = afl.simulate_ode("step-step", "adaptive")
+    >>> str(run.outcome)
+    'completed'
     """
     change, scenario = ParameterChange(dynamics=dynamics, jumps=jumps), as_scenario(scenario)
     controller = as_controller(controller)

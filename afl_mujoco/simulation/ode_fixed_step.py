@@ -124,7 +124,8 @@ def simulate_ode_held(
     Raises
     ------
     InvalidValueError
-        If a setting breaks its rule.
+        If the scenario has imperfections, `substeps` is below 1, the step is not positive or does
+        not divide the control period, or the force is not held and the controller has a memory.
     """
     scenario, controller = as_scenario(scenario), as_controller(controller)
     scenario.require_ideal()

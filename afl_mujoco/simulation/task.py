@@ -287,8 +287,18 @@ def load(
 
     Raises
     ------
-    AflMujocoError
-        If a setting breaks its rule.
+    UnknownNameError
+        If there is no scenario, integrator or key of `environment_kwargs` of that name.
+    InvalidValueError
+        If a period, the force limit or the time limit is not positive, the step does not divide
+        the control period, or a start could be fallen.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> environment = afl.load("step-step", control_period=0.02)
+    >>> environment.action_spec().shape
+    (1,)
     """
     scenario = as_scenario(scenario)
     space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None

@@ -279,8 +279,18 @@ def compare(
 
     Raises
     ------
-    AflMujocoError
-        If an argument breaks a rule, before the first run.
+    UnknownNameError
+        If there is no scenario, controller or integrator of that name.
+    InvalidValueError
+        If two controllers have one name, `draws` is not from 1 to 1000, or the step is not positive
+        or does not divide the control period. All of this is said before the first run.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> result = afl.compare("step-step", ["lqr", "adaptive"])
+    >>> result.passed
+    True
     """
     from afl_mujoco.control.catalogue import as_controller
     from afl_mujoco.control.own import calls_limited_to

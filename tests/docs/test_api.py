@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import importlib
 import inspect
 import re
@@ -9,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+import afl_mujoco as afl
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text()
 NAME = re.compile(r"(?<!`)`(?:[a-z_]+\.)*([A-Z]\w+|as_\w+)`(?!`)")  # of a class or a constant
@@ -29,6 +32,25 @@ def docstrings(thing: object) -> Iterator[str]:
     for one in (thing, *parts):
         if callable(one) or isinstance(one, property):
             yield inspect.getdoc(one) or ""
+
+
+def test_every_public_name_is_on_it() -> None:
+    assert set(afl.__all__) - {"__version__"} - {name for name, _ in documented()} == set()
+
+
+def test_its_examples_give_what_they_show() -> None:
+    pytest.importorskip("dm_control")
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
+    for name, thing in documented():
+        for example in finder.find(thing, name, module=False):
+            runner.run(example)
+    assert runner.summarize(verbose=False).failed == 0
+    assert runner.tries > 25
+
+
+def test_what_raises_says_why() -> None:
+    vague = re.compile(r"(setting|argument|value) breaks (its|a) rule")
+    assert [name for name, thing in documented() if vague.search(inspect.getdoc(thing) or "")] == []
 
 
 def test_every_class_and_constant_that_it_names_is_defined_on_it() -> None:

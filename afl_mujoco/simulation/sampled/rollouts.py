@@ -143,8 +143,17 @@ def run_rollouts(
 
     Raises
     ------
-    AflMujocoError
-        If a setting breaks its rule.
+    UnknownNameError
+        If there is no scenario, controller or integrator of that name.
+    InvalidValueError
+        If `threads` is no whole number from 1, or the step is not positive or does not divide the
+        control period.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> afl.run_rollouts(["nominal", "step-step"], "lqr").status  # 0: completed
+    array([0, 0])
     """
     controller, asked = as_controller(controller), as_scenarios(scenarios)
     found = roll_out(
