@@ -1,4 +1,4 @@
-"""Physics-backed validation of an approximate-feedback-linearisation controller for a cart-pole.
+"""Validation of nonlinear controllers in MuJoCo, of a cart-pole and of any hinges and slides.
 
 The public names; each is imported on first use, so that importing the package and
 ``afl-mujoco --help`` take next to no time.

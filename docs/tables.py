@@ -245,8 +245,8 @@ def thresholds_table() -> str:
     rows = []
     for declared in DECLARATIONS.values():
         for one in declared.swept:
-            sets = [f"`{name}`" + _factor(x) for name, x in one.fields.items()]
-            sets += [f"`{name}`" for name in one.switches]
+            sets = [f"`{name}`" + _factor(x) for name, x in one.fields.items() if name != one.name]
+            sets += [f"`{name}`" for name in one.switches if name != one.name]
             reference, *ends = (level_text(one, x) for x in (one.reference, one.benign, one.harsh))
             levels = (f"{reference} {one.unit}", f"{' to '.join(ends)} {one.unit}")
             rows.append((f"`{one.name}`", ", ".join(sets), *levels, declared.why))
@@ -254,7 +254,9 @@ def thresholds_table() -> str:
     left_out = ", ".join(f"`{one.name}`" for one in IMPERFECTIONS if one.name not in together)
     span = " to ".join(level_text(COMBINED, x) for x in (COMBINED.benign, COMBINED.harsh))
     rows.append(("`combined`", f"all but {left_out}", "1 ×", f"{span} ×", "scaled together"))
-    return cells_as_table(("imperfection", "sets", "reference hardware", "searched", "why"), rows)
+    return cells_as_table(
+        ("imperfection", "sets, if not itself", "reference hardware", "searched", "why"), rows
+    )
 
 
 def _factor(factor: float) -> str:

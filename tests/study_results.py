@@ -41,7 +41,7 @@ def thresholds() -> thresholds_study.Result:
     settings = Settings(seeds=1, scan=2, tolerance=1.0)
     scenario = replace(SHORT, name=NASTY)
     return thresholds_study.run(
-        thresholds_study.Request(USED, (scenario,), settings, ("delay", "rail", "combined"))
+        thresholds_study.Request(USED, (scenario,), settings, ("delay", "end_stops.z", "combined"))
     )
 
 

@@ -148,7 +148,7 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Pat
     run = program(
         tmp_path, "thresholds", "short.toml", "--controllers", "own_controller:force",
         "broken:raises",
-        "--imperfections", "force-limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
+        "--imperfections", "input_limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
         "--out", "out",
     )  # fmt: skip
     assert (run.returncode, run.stderr) == (0, "")

@@ -87,9 +87,9 @@ def test_thresholds_of_delay_and_limit_are_those_of_the_integration_from_scratch
     free = replace(SCENARIO, requirements=afl.Requirements())
     own = PythonController(name="firm", function=law_of("firm"))
     settings = Settings(seeds=1, scan=5, tolerance=0.06)
-    found = find_thresholds(Request([own], (free,), settings, ("delay", "force-limit")))
+    found = find_thresholds(Request([own], (free,), settings, ("delay", "input_limit")))
     for name, field, least, most in (
-        ("delay", "delay", RIG.delay, 0.2), ("force-limit", "limit", RIG.limit, 1.0),
+        ("delay", "delay", RIG.delay, 0.2), ("input_limit", "limit", RIG.limit, 1.0),
     ):  # fmt: skip
         expected = largest(RIG, law_of("firm"), field, least, most, 0.06)
         assert found.sweep(name, "firm").survives.fails_at == pytest.approx(expected, rel=0.1)

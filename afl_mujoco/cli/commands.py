@@ -64,7 +64,7 @@ class _Deployed:
 
 @dataclass(frozen=True, kw_only=True)
 class Render(_Deployed):
-    """Film runs in MuJoCo with the ideal equations as a ghost, without a display.
+    """Film runs in MuJoCo beside the ideal equations.
 
     Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
 
@@ -117,7 +117,7 @@ class Render(_Deployed):
 
 @dataclass(frozen=True, kw_only=True)
 class View(_Deployed):
-    """Show a run in MuJoCo's interactive viewer, in real time, until the window is closed.
+    """Show a run in MuJoCo's interactive viewer, in real time.
 
     Example: afl-mujoco view step-step-impulse --controller adaptive
     """
@@ -211,7 +211,7 @@ class Log:
 
 @dataclass(frozen=True, kw_only=True)
 class Regression:
-    """Compare every run of the paper's scenarios with its baseline.
+    """Compare every run of the paper with its baseline.
 
     Example: afl-mujoco regression --workers 2
 
@@ -258,7 +258,7 @@ Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """Make report.html again from every result of a folder, for example after new films.
+    """Make report.html again from the results of a folder.
 
     Example: afl-mujoco report renders/validation --films renders
 
@@ -286,7 +286,7 @@ Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(_Deployed):
-    """Simulate one scenario with one controller; print its metrics, write the run and a figure.
+    """Run one controller on one scenario; print its metrics.
 
     Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
     """

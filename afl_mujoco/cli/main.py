@@ -17,7 +17,7 @@ from typing import Any, Union, get_args, get_type_hints
 import tyro
 
 from afl_mujoco.cli.commands import Log, Regression, Render, Report, Simulate, View
-from afl_mujoco.cli.study import study_commands
+from afl_mujoco.cli.study import stub, study_commands
 from afl_mujoco.cli.terminal import (
     BAD_INPUT,
     INTERRUPTED,
@@ -123,15 +123,17 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
-    commands: Any = Union[(*study_commands("".join(given[:1])), *map(plain_help, OTHERS))]
+    chosen = "".join(given[:1])
+    commands: Any = Union[(*study_commands(chosen), *(_other(kind, chosen) for kind in OTHERS))]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
             command = tyro.cli(
                 commands,
                 prog=PROGRAM,
-                description="Compare a cart-pole controller in MuJoCo with its ideal equations.\n\n"
-                "Example: afl-mujoco validate step-step\n\n--version prints the version.",
+                description="Judge controllers by requirements, and MuJoCo models by equations.\n\n"
+                "Example: afl-mujoco compare step-step --controllers lqr adaptive\n\n"
+                "--version prints the version.",
                 args=given,
                 config=(
                     tyro.conf.DisallowNone,
@@ -149,6 +151,12 @@ def _parse(arguments: Sequence[str] | None) -> Any:
         if getattr(command, field.name) in ((), {}) and option in given:
             raise InvalidValueError(option, "must have a value", "none")
     return command
+
+
+def _other(kind: type, chosen: str) -> Any:
+    """Return the command that is no study, whole if it is chosen."""
+    name = kind.__name__.lower()
+    return plain_help(kind) if name == chosen else stub(name, str(kind.__doc__).splitlines()[0])
 
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:

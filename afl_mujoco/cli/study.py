@@ -27,7 +27,7 @@ from afl_mujoco.cli.terminal import (
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
 from afl_mujoco.studies.contract import Interrupted, Progress, Study
-from afl_mujoco.studies.registry import Listed, find_study, listed
+from afl_mujoco.studies.registry import find_study, listed
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
@@ -216,15 +216,15 @@ def study_commands(chosen: str | None = None) -> list[Any]:
     name and what the list of commands says of them.
     """
     return [
-        _command(find_study(name)) if chosen in (None, name) else _stub(one)
+        _command(find_study(name)) if chosen in (None, name) else stub(name, one.summary)
         for name, one in listed().items()
     ]
 
 
-def _stub(one: Listed) -> Any:
-    """Return a command without options."""
-    made = make_dataclass(one.name, (), namespace={"__doc__": one.summary})
-    return Annotated[made, tyro.conf.subcommand(one.name)]
+def stub(name: str, summary: str) -> Any:
+    """Return a command without options, as the list of commands needs it."""
+    made = make_dataclass(name, (), namespace={"__doc__": summary})
+    return Annotated[made, tyro.conf.subcommand(name)]
 
 
 def inputs_of(request: Any) -> dict[str, str]:

@@ -44,7 +44,7 @@ FINEST_STEP = 1e-12
 class Imperfection:
     """One departure from the ideal loop, and how much of it good laboratory hardware has."""
 
-    name: str  # name in files and on the command line
+    name: str  # the key that it sets, with the sign of an error; on the command line too
     title: str  # name in words
     unit: str  # unit in which a level is shown
     # what it sets, by path, each to the level times its factor
@@ -332,15 +332,15 @@ _ENCODERS = {"encoder_step.phi": 1.0, "encoder_step.z": 0.1}  # [m/rad]
 
 _BELIEF: Mapping[str, Declaration] = {
     "cart_mass_error": Declaration("1", (
-        Imperfection(name="mass-over", title="M assumed too large", unit="%", scale=1e2,
+        Imperfection(name="cart_mass_error+", title="M assumed too large", unit="%", scale=1e2,
             fields={"cart_mass_error": 1.0}, reference=0.1, benign=0.01, harsh=30.0),
-        Imperfection(name="mass-under", title="M assumed too small", unit="%", scale=1e2,
+        Imperfection(name="cart_mass_error-", title="M assumed too small", unit="%", scale=1e2,
             fields={"cart_mass_error": -1.0}, reference=0.1, benign=0.01, harsh=0.95),
     ), "weighed by hand"),
     "half_length_error": Declaration("1", (
-        Imperfection(name="length-over", title="l assumed too large", unit="%", scale=1e2,
+        Imperfection(name="half_length_error+", title="l assumed too large", unit="%", scale=1e2,
             fields={"half_length_error": 1.0}, reference=0.05, benign=0.01, harsh=30.0),
-        Imperfection(name="length-under", title="l assumed too small", unit="%", scale=1e2,
+        Imperfection(name="half_length_error-", title="l assumed too small", unit="%", scale=1e2,
             fields={"half_length_error": -1.0}, reference=0.05, benign=0.01, harsh=0.95),
     ), "measured by hand"),
     **{
@@ -352,7 +352,7 @@ _BELIEF: Mapping[str, Declaration] = {
 
 DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
     "control_period": Declaration("s",
-        (Imperfection(name="control-period", title="control period", unit="ms", scale=1e3,
+        (Imperfection(name="control_period", title="control period", unit="ms", scale=1e3,
             fields={"control_period": 1.0}, reference=2e-3, benign=0.5e-3, harsh=50e-3,
             quantum=0.5e-3),),
         why="500 Hz"),
@@ -362,22 +362,22 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
         why="one sample of transport",
         drawn=Draw(9, (0.0, 5e-3), "from none to a slow bus")),
     "lag": Declaration("s",
-        (Imperfection(name="actuator-lag", title="actuator lag", unit="ms", scale=1e3,
+        (Imperfection(name="lag", title="actuator lag", unit="ms", scale=1e3,
             fields={"lag": 1.0}, reference=2e-3, benign=2e-4, harsh=0.5),),
         why="the current loop of a drive",
         drawn=Draw(10, (0.0, 5e-3), "from none to the current loop of a servo drive")),
     "input_limit": Declaration("N",
-        (Imperfection(name="force-limit", title="force limit", unit="N",
+        (Imperfection(name="input_limit", title="force limit", unit="N",
             fields={"input_limit": 1.0}, reference=50.0, benign=1000.0, harsh=1.0),),
         why="a strong linear drive"),
     "slew_rate": Declaration("N/s",
-        (Imperfection(name="slew-rate", title="force slew rate", unit="N/s",
+        (Imperfection(name="slew_rate", title="force slew rate", unit="N/s",
             fields={"slew_rate": 1.0}, reference=5e3, benign=1e6, harsh=10.0),),
         why="full force in 10 ms"),
     "encoder_step.z": Declaration("m",
         drawn=Draw(4, (0.0, 1e-4), "from exact to a tenth of a millimetre")),
     "encoder_step.phi": Declaration("rad",
-        (Imperfection(name="encoder", title="encoder step", unit="mrad", scale=1e3,
+        (Imperfection(name="encoder_step", title="encoder step", unit="mrad", scale=1e3,
             fields=_ENCODERS, reference=_COUNT, benign=1e-4, harsh=0.5),),
         why="4096 counts per turn; rates measured",
         drawn=Draw(5, (0.0, 2.0 * math.pi / 2048.0), "from exact to 2048 counts per turn")),
@@ -400,43 +400,43 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
         drawn=Draw(3, (0.0, 5e-2), "the same")),
     "velocity_filter": Declaration("s"),
     "damping.z": Declaration("N s/m",
-        (Imperfection(name="rail-damping", title="rail damping", unit="N s/m",
+        (Imperfection(name="damping.z", title="rail damping", unit="N s/m",
             fields={"damping.z": 1.0}, reference=5.0, benign=0.05, harsh=500.0),),
         why="a geared cart on a rail",
         drawn=Draw(7, (0.0, 2.0), "viscous friction: from an air bearing to dry bushes")),
     "damping.phi": Declaration("N m s/rad",
-        (Imperfection(name="hinge-damping", title="hinge damping", unit="mN m s", scale=1e3,
+        (Imperfection(name="damping.phi", title="hinge damping", unit="mN m s", scale=1e3,
             fields={"damping.phi": 1.0}, reference=2e-3, benign=2e-5, harsh=2.0),),
         why="a ball bearing",
         drawn=Draw(8, (0.0, 1e-3), "from none to a greased bearing")),
     "dry_friction.z": Declaration("N",
-        (Imperfection(name="rail-friction", title="dry friction", unit="N",
+        (Imperfection(name="dry_friction.z", title="dry friction", unit="N",
             fields={"dry_friction.z": 1.0}, reference=1.0, benign=0.01, harsh=100.0),),
         why="the geared cart",
         drawn=Draw(6, (0.0, 1.0), "dry friction: from an air bearing to dry bushes")),
     "armature.z": Declaration("kg",
-        (Imperfection(name="rail-armature", title="inertia of the drive", unit="kg",
+        (Imperfection(name="armature.z", title="inertia of the drive", unit="kg",
             fields={"armature.z": 1.0}, reference=0.3, benign=3e-3, harsh=30.0),),
         why="motor and gears, reflected to the cart"),
     "armature.phi": Declaration("kg m²",
-        (Imperfection(name="hinge-armature", title="inertia at the hinge", unit="g m²",
+        (Imperfection(name="armature.phi", title="inertia at the hinge", unit="g m²",
             scale=1e3, fields={"armature.phi": 1.0}, reference=1e-4, benign=1e-6, harsh=1.0),),
         why="the encoder's shaft"),
     "tip_mass_share": Declaration("1",
-        (Imperfection(name="tip-mass", title="share of m at the tip", unit="%", scale=1e2,
+        (Imperfection(name="tip_mass_share", title="share of m at the tip", unit="%", scale=1e2,
             fields={"tip_mass_share": 1.0}, reference=0.1, benign=1e-3, harsh=0.95),),
         why="not quite a uniform rod"),
     "pole_radius": Declaration("m",
-        (Imperfection(name="pole-radius", title="radius of the rod", unit="mm", scale=1e3,
+        (Imperfection(name="pole_radius", title="radius of the rod", unit="mm", scale=1e3,
             fields={"pole_radius": 1.0}, reference=5e-3, benign=5e-4, harsh=1.0),),
         why="not quite a slender rod"),
     "parameter_delay": Declaration("s",
-        (Imperfection(name="parameter-delay", title="M, l known late", unit="ms", scale=1e3,
+        (Imperfection(name="parameter_delay", title="M, l known late", unit="ms", scale=1e3,
             fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),),
         why="M and l come from elsewhere"),
     **_BELIEF,
     "end_stops.z": Declaration("m",
-        (Imperfection(name="rail", title="rail to either side", unit="m",
+        (Imperfection(name="end_stops.z", title="rail to either side", unit="m",
             fields={"end_stops.z": 1.0}, reference=1.0, benign=100.0, harsh=0.1),),
         why="a table"),
     "dry_friction.phi": Declaration("N m"),
@@ -468,7 +468,7 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
     noise = {f"noise.{x}": 1.0 for x in plant.coordinates}
     noise |= {f"noise.{x}_dot": 10.0 for x in plant.coordinates}
     swept = {
-        f"encoder_step.{first}": replace(_swept("encoder"), fields=encoders),
+        f"encoder_step.{first}": replace(_swept("encoder_step"), fields=encoders),
         f"noise.{first}": replace(_swept("noise"), fields=noise),
     }
     for name in ("encoder_step", "noise", "damping", "dry_friction", "armature", "end_stops"):
@@ -478,7 +478,7 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
             if name in ("damping", "dry_friction", "armature"):
                 words = f"{name.replace('_', ' ')} of {part}"
                 more = (
-                    Imperfection(name=f"{name.replace('_', '-')}-{part}", title=words, unit="",
+                    Imperfection(name=path, title=words, unit="",
                         fields={path: 1.0}, reference=1e-3, benign=1e-5, harsh=1e3),
                 )  # fmt: skip
             unit = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
@@ -488,10 +488,10 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
     for name in plant.parameters:
         path = f"{name}{ERROR}"
         found[path] = Declaration("1", tuple(
-            Imperfection(name=f"{name.replace('_', '-')}-{way}", title=f"{name} assumed {words}",
+            Imperfection(name=f"{path}{way}", title=f"{name} assumed {words}",
                 unit="%", scale=1e2, fields={path: sign}, reference=0.05, benign=0.01, harsh=harsh)
             for way, words, sign, harsh in (
-                ("over", "too large", 1.0, 30.0), ("under", "too small", -1.0, 0.95))
+                ("+", "too large", 1.0, 30.0), ("-", "too small", -1.0, 0.95))
         ))  # fmt: skip
     return MappingProxyType(found)
 

@@ -1,4 +1,4 @@
-"""Map from which starts each controller copes with a scenario as deployed in MuJoCo."""
+"""Map from which starts controllers cope with a scenario."""
 
 from __future__ import annotations
 

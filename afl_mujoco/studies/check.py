@@ -1,4 +1,4 @@
-"""Check whether the MJCF of a plant obeys its equations, at any state and any parameters."""
+"""Check whether the MJCF of a plant obeys its equations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compare controllers as deployed in MuJoCo, on any plant, by the requirements of a scenario."""
+"""Compare controllers by the requirements of a scenario."""
 
 from __future__ import annotations
 
@@ -527,7 +527,7 @@ def films(result: Result, command: str) -> list[Film]:
 STUDY = Study(
     name="compare",
     title="Controllers compared",
-    order=5,
+    order=0,
     schema=3,
     configuration=Options,
     prepare=prepare,

@@ -1,4 +1,4 @@
-"""Find how well M and l are estimated online, and what this costs the closed loop."""
+"""Find how well M and l are estimated online, at what cost."""
 
 from __future__ import annotations
 

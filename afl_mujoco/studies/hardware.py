@@ -1,4 +1,4 @@
-"""Judge the identified model on recordings of a real cart-pole that it was not fitted to.
+"""Judge the identified model by recordings of the cart-pole.
 
 `hardware_protocol.toml` beside this file says how; it was fixed before any of them was predicted.
 """

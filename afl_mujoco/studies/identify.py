@@ -1,4 +1,4 @@
-"""Identify a cart-pole from its logs: the pole alone, then the whole in MuJoCo."""
+"""Identify a cart-pole from its logs."""
 
 from __future__ import annotations
 

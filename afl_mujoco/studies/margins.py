@@ -1,4 +1,4 @@
-"""Compute gain, phase, disk and delay margins of controllers about the target of a plant."""
+"""Compute gain, phase, disk and delay margins of controllers."""
 
 from __future__ import annotations
 

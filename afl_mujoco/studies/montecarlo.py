@@ -1,4 +1,4 @@
-"""Run controllers on the same random hardware samples, then search for the worst case."""
+"""Run controllers on random hardware; search the worst case."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def require_runs(
 
 # --- imperfections at a level -------------------------------------------------------------------
 
-RAIL = "rail"
+RAIL = "end_stops.z"
 """Not combined with the rest: the rail alone decides for a controller that does not know it."""
 
 COMBINED = Imperfection(
@@ -81,6 +81,31 @@ KNOWN: Mapping[str, Imperfection] = MappingProxyType(
 """All that can be swept of a cart-pole, by name."""
 
 
+FORMER: Mapping[str, str] = MappingProxyType(
+    {
+        "control-period": "control_period",
+        "actuator-lag": "lag",
+        "force-limit": "input_limit",
+        "slew-rate": "slew_rate",
+        "encoder": "encoder_step",
+        "rail-damping": "damping.z",
+        "hinge-damping": "damping.phi",
+        "rail-friction": "dry_friction.z",
+        "rail-armature": "armature.z",
+        "hinge-armature": "armature.phi",
+        "tip-mass": "tip_mass_share",
+        "pole-radius": "pole_radius",
+        "parameter-delay": "parameter_delay",
+        "mass-over": "cart_mass_error+",
+        "mass-under": "cart_mass_error-",
+        "length-over": "half_length_error+",
+        "length-under": "half_length_error-",
+        "rail": "end_stops.z",
+    }
+)
+"""What was spelled otherwise before it had the key of the scenario file, and its key."""
+
+
 def known_of(plant: Plant) -> Mapping[str, Imperfection]:
     """Return all that can be swept of a plant, by name."""
     own = imperfections_of(plant)
@@ -90,6 +115,8 @@ def known_of(plant: Plant) -> Mapping[str, Imperfection]:
 def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
     """Return an imperfection of a plant by its name."""
     known = known_of(plant)
+    if FORMER.get(name) in known:
+        raise InvalidValueError(f"imperfection {name}", f"is now spelled {FORMER[name]}")
     if name not in known:
         raise UnknownNameError.among("imperfection", name, known)
     return known[name]

@@ -1,4 +1,4 @@
-"""Find how much delay, noise, friction and so on each controller survives in MuJoCo."""
+"""Find how much delay, noise or friction controllers survive."""
 
 from __future__ import annotations
 

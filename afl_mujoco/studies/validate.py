@@ -1,4 +1,4 @@
-"""Compare MuJoCo with the analytic model and give a verdict."""
+"""Check a loop in MuJoCo against the equations of its plant."""
 
 from __future__ import annotations
 
@@ -357,7 +357,7 @@ def _failure(check: Check) -> str:
 STUDY = Study(
     name="validate",
     title="MuJoCo against the equations",
-    order=0,
+    order=2,
     schema=1,
     configuration=Options,
     prepare=prepare,

@@ -41,7 +41,7 @@ assert space.coordinates[-1] == "stiction"
 assert space.scenario_of(np.ones(space.dimension), 0, 0).imperfections.stiction == 0.5
 found = tables()
 assert "| `stiction` | N | 0.0 | A toy |" in found["imperfections"]
-row = "| `stiction` | `stiction` | 100 mN | 10 to 10 000 mN | dust |"
+row = "| `stiction` |  | 100 mN | 10 to 10 000 mN | dust |"
 assert row in found["reference hardware"].replace(chr(0x202f), " ")
 assert "| `stiction` | N | 0 to 0.5 | swept, to dusty |" in found["space"]
 """

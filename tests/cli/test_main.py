@@ -120,7 +120,7 @@ BAD_ARGUMENTS = {
     "simulate nominal step-step": "argument 'step-step' is one too many",
     "compare nominal --film=1": "--film must have no value, got 1",
     "validat": "got 'validat'; did you mean validate?",
-    "": "command must be one of validate, check, compare, thresholds, montecarlo, attraction, ",
+    "": "command must be one of compare, check, validate, thresholds, montecarlo, attraction, ",
     "report nowhere": "nowhere must hold a result: run afl-mujoco validate",
     "validate short.toml --films films": "films/films.json does not list films: films is missing",
     "simulate short.toml --simulator drake": (

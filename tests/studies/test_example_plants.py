@@ -25,7 +25,7 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
 def test_a_quadrotor_has_thresholds_samples_and_a_map() -> None:
     file, lqr = str(EXAMPLES / "quadrotor_load.toml"), ("lqr",)
     given = thresholds.Options(
-        scenarios=(file,), controllers=lqr, imperfections=("delay", "load-over"), quick=True
+        scenarios=(file,), controllers=lqr, imperfections=("delay", "load_error+"), quick=True
     )
     found = thresholds.run(thresholds.prepare(given))
     delay = found.sweep("delay", "lqr").survives

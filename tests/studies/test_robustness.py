@@ -64,17 +64,17 @@ def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how
         return search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
 
 
-@pytest.mark.parametrize("name", ["delay", "rail"])
+@pytest.mark.parametrize("name", ["delay", "end_stops.z"])
 def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
     settings = Settings(seeds=1, scan=5, tolerance=0.1)
     found = sweep(SweepUnit(name, LQR, (LEANING,), settings)).survives
     assert found.bound == BRACKETED
-    key = {"delay": "delay", "rail": "end_stops.z"}[name]
+    key = {"delay": "delay", "end_stops.z": "end_stops.z"}[name]
     for level, survives in ((found.holds_at, True), (found.fails_at, False)):
         alone = afl.simulate_mujoco(
             replace(LEANING, imperfections=IDEAL.changed({key: level})), LQR
         )
-        reached = np.abs(alone.state[:, 0]).max() >= level if name == "rail" else False
+        reached = np.abs(alone.state[:, 0]).max() >= level if name == "end_stops.z" else False
         assert (alone.outcome.kind == "completed" and not reached) == survives
 
 

@@ -70,7 +70,7 @@ def test_an_imperfection_sets_its_fields_at_levels_within_its_range(name: str) -
         assert found[field] == pytest.approx(factor * one.reference)
     low, high = sorted((one.benign, one.harsh))
     assert low < one.reference < high
-    assert one.less_is_worse == (name in ("force-limit", "slew-rate", "rail"))
+    assert one.less_is_worse == (name in ("input_limit", "slew_rate", "end_stops.z"))
     for level in (one.benign, one.harsh):
         afl.SCENARIOS["nominal"].changed(hardware_at(one, level))
     thousandth = one.unit.startswith("g") or (one.unit[0] == "m" and one.unit[1:2].isalpha())
@@ -89,7 +89,10 @@ def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
 def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_as_bad() -> None:
     real = hardware_at(COMBINED, 1.0, seed=3)
     left_out = {one.name for one in IMPERFECTIONS} - {one.name for one in added()}
-    assert left_out == {"mass-under", "length-under"}  # which contradict mass-over, length-over
+    assert left_out == {
+        "cart_mass_error-",
+        "half_length_error-",
+    }  # which contradict cart_mass_error+, half_length_error+
     for one in added():
         if one.name != RAIL:
             for field, factor in one.fields.items():
@@ -101,8 +104,8 @@ def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_a
     for field in ("input_limit", "slew_rate"):
         assert double[field] == pytest.approx(0.5 * real[field])
     worst = combined(1e6, IMPERFECTIONS)
-    assert worst["tip_mass_share"] == KNOWN["tip-mass"].harsh
-    assert worst["input_limit"] == KNOWN["force-limit"].harsh
+    assert worst["tip_mass_share"] == KNOWN["tip_mass_share"].harsh
+    assert worst["input_limit"] == KNOWN["input_limit"].harsh
 
 
 def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
@@ -144,8 +147,8 @@ def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found
         ("delay", {}, 0.002),
         ("delay", {"delay": 0.001}, 0.002),
         ("delay", {"delay": 0.04}, 0.04),
-        ("force-limit", {"input_limit": 60.0}, 50.0),
-        ("force-limit", {"input_limit": 20.0}, 20.0),
+        ("input_limit", {"input_limit": 60.0}, 50.0),
+        ("input_limit", {"input_limit": 20.0}, 20.0),
         ("combined", {"delay": 0.04}, 1.0),
     ],
 )
@@ -179,10 +182,10 @@ def test_what_a_controller_does_not_read_is_no_imperfection_for_it() -> None:
         return 1.1 * (3.3 * state[0] + 6.5 * state[2] - 64.0 * state[1] - 29.0 * state[3])
 
     own = PythonController(name="deaf", function=deaf)
-    names = ("delay", "mass-over", "parameter-delay")
+    names = ("delay", "cart_mass_error+", "parameter_delay")
     settings = replace(SETTINGS, scan=2, tolerance=1.0)
     found = run(Request([LQR, own], (CALM,), settings, names))
-    assert found.sweep("delay", "deaf").applies and found.sweep("mass-over", "lqr").applies
+    assert found.sweep("delay", "deaf").applies and found.sweep("cart_mass_error+", "lqr").applies
     for name in names[1:]:
         assert not found.sweep(name, "deaf").applies
     lines = to_text(report(found).blocks).splitlines()
@@ -236,24 +239,27 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
 
 @pytest.mark.slow
 def test_the_rail_must_be_as_long_as_the_ideal_run_needs() -> None:
-    found = swept("rail")
+    found = swept("end_stops.z")
     peak = np.abs(simulated(LQR).state[:, 0]).max()
     assert found.survives.fails_at < peak <= found.survives.holds_at
     assert found.survives.holds_at / found.survives.fails_at <= 1.05
     assert found.failure[0].failure == "end_stops"
     (reference,) = found.reference
     assert reference.failure == "fell"  # after it hit the stop
-    hit = np.flatnonzero(np.abs(simulated(LQR).state[:, 0]) >= KNOWN["rail"].reference)[0] * 1e-3
+    hit = (
+        np.flatnonzero(np.abs(simulated(LQR).state[:, 0]) >= KNOWN["end_stops.z"].reference)[0]
+        * 1e-3
+    )
     assert reference.time > hit
 
 
 @pytest.mark.slow
 def test_the_worst_of_the_scenarios_counts() -> None:
     gentle = replace(CASE, name="gentle", initial_state=(0.0, -0.01, 0.0, 0.0))
-    alone, both = swept("force-limit"), swept("force-limit", scenarios=(gentle, CASE))
+    alone, both = swept("input_limit"), swept("input_limit", scenarios=(gentle, CASE))
     assert both.survives == alone.survives
     assert [one.scenario for one in both.failure if one.failure] == ["step-step"]
-    easy = swept("force-limit", scenarios=(gentle,))
+    easy = swept("input_limit", scenarios=(gentle,))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
 
 
@@ -307,13 +313,14 @@ def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_li
     )
     code, output, errors = command_line(
         "thresholds", "short.toml", "--controllers", "lqr", "pushing:push", "--imperfections",
-        "force-limit", "rail", "--seeds", "1", "--scan", "3", "--tolerance", "0.5", "--out", "out",
+        "input_limit", "end_stops.z", "--seeds", "1", "--scan", "3", "--tolerance", "0.5",
+        "--out", "out",
     )  # fmt: skip
     assert (code, errors) == (0, "")
     assert "Level at which each controller fails on short, found to 50 %" in output
     content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
     assert [*content["bare"]] == ["lqr", "pushing.push"]
-    assert [r["name"] for r in content["imperfections"]] == ["force-limit", "rail"]
+    assert [r["name"] for r in content["imperfections"]] == ["input_limit", "end_stops.z"]
     assert "--tolerance 0.5" in content["command"] and "--out" not in content["command"]
     for one in content["sweeps"]:
         for place in (*one["reference"], *one["failure"]):

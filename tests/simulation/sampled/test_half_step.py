@@ -23,7 +23,7 @@ FAST = afl.Scenario(
 )
 """A light cart and a short pole, on which damping and inertias act fastest."""
 
-PASSIVE = ("rail-damping", "hinge-damping", "rail-friction", "hinge-armature", "rail")
+PASSIVE = ("damping.z", "damping.phi", "dry_friction.z", "armature.phi", "end_stops.z")
 """The other integrators are of first order, and so differ at the edge of what a loop tolerates;
 of these it is stability that is asked, which passive physics decides."""
 
