@@ -207,7 +207,8 @@ def fields_table() -> str:
     for name in (field.name for field in fields(Imperfections)):
         units = [one.unit for path, one in DECLARATIONS.items() if path.partition(".")[0] == name]
         unit = ", ".join(filter(None, units)) or "–"
-        rows.append((f"`{name}`", unit, _default(getattr(IDEAL, name)), _without(unit, said[name])))
+        text = said[name].replace(f" [{unit}]", "")
+        rows.append((f"`{name}`", unit, _default(getattr(IDEAL, name)), text))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
 
 
@@ -224,13 +225,8 @@ def requirements_table() -> str:
         units = dict.fromkeys(asked[key].unit for key in keys if key in asked)
         unit = "–" if isinstance(field.default, bool) else ", ".join(units)
         default = _default(defaults.get(field.name, field.default))
-        rows.append((f"`{field.name}`", unit, default, _without(unit, said[field.name])))
+        rows.append((f"`{field.name}`", unit, default, said[field.name].replace(f" [{unit}]", "")))
     return cells_as_table(("key", "unit", "default", "meaning"), rows)
-
-
-def _without(unit: str, text: str) -> str:
-    """Return a text without the unit that stands in a column of its own."""
-    return text.replace(f" [{unit}]", "")
 
 
 def _default(value: Any) -> str:
