@@ -15,8 +15,6 @@ ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
 
-from sphinx.application import Sphinx  # noqa: E402
-
 from docs.content import Content  # noqa: E402
 
 project = "afl_mujoco"
