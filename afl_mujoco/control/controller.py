@@ -239,7 +239,7 @@ class Controller(Protocol):
         return np.empty(0), np.empty(0)
 
     def rows_along(self, segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the rows of an affine controller along a segment, as `laws.Law` has them."""
+        """Return the times at which gains along a segment have kinks, and rows between these."""
         raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
 
     def start(self) -> Controller:

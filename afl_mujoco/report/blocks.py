@@ -149,11 +149,18 @@ class Report:
     blocks: Sequence[Block]
     passed: bool | None = None
     title: str = ""  # by default that of the study
+    verdict: str = ""  # of several that are judged, where some pass and some fail
 
     @property
     def word(self) -> str:
-        """Pass or fail; nothing if it judges nothing."""
-        return {True: "PASS", False: "FAIL", None: ""}[self.passed]
+        """Pass or fail, or how many pass; nothing if it judges nothing."""
+        return self.verdict or {True: "PASS", False: "FAIL", None: ""}[self.passed]
+
+    @property
+    def status(self) -> Status:
+        """Status of the word."""
+        status: dict[bool | None, Status] = {True: "good", False: "bad", None: ""}
+        return "neutral" if self.verdict else status[self.passed]
 
 
 def figures_of(blocks: Sequence[Block]) -> list[Figure]:

@@ -94,7 +94,7 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
             icon_uri=data_uri("image/svg+xml", _ICON.encode()),
             generator=f"afl_mujoco {version('afl_mujoco')}",
             title=sections[0].title if len(parts) == 1 else title,
-            word=worst.word if worst else "",
+            worst=worst,
             parts=list(zip(parts, sections, strict=True)),
             last=last,
             pictures=pictures,

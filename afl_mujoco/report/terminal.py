@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -32,17 +33,25 @@ STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "mage
 
 def print_report(report: Report, *, headline: bool = True) -> None:
     """Print a report without figures and what is folded; its headline, the answer, stands last."""
-    console = Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False)
+    console = _console()
     _print(report.blocks, console)
     if headline:
         word = f"{report.word}: " if report.word else ""
-        style = {True: "bold green", False: "bold red", None: "bold"}[report.passed]
+        style = {"good": "bold green", "bad": "bold red", "neutral": "bold yellow"}.get(
+            report.status, "bold"
+        )
         console.print(_text(f"{word}{report.headline}", style), soft_wrap=True)
 
 
 def print_blocks(found: Sequence[Block]) -> None:
     """Print blocks, without figures and what is folded."""
-    _print(found, Console(width=None if sys.stdout.isatty() else WIDTH, highlight=False))
+    _print(found, _console())
+
+
+def _console() -> Console:
+    """Return a console of the terminal's width, or of that of ``COLUMNS``."""
+    known = sys.stdout.isatty() or "COLUMNS" in os.environ
+    return Console(width=None if known else WIDTH, highlight=False)
 
 
 def to_text(found: Sequence[Block]) -> str:

@@ -40,9 +40,9 @@ from afl_mujoco.studies.contract import (
 from afl_mujoco.studies.robustness import require_runs
 from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
 from afl_mujoco.studies.tables import (
+    ENDINGS,
     grouped,
     metrics_matrix,
-    passes,
     replay,
     requirements_matrix,
 )
@@ -361,14 +361,25 @@ def report(result: Result) -> Report:
         title=f"{on}: {', '.join(names)}",
         headline=" · ".join(said),
         passed=result.passed,
+        verdict=_verdict(result, list(names)),
         blocks=blocks,
     )
+
+
+def _verdict(result: Result, names: Sequence[str]) -> str:
+    """Return how many controllers pass everything, where some do and some do not."""
+    failing = {run.controller for run in result.rows if run.missed}
+    passing = len(names) - len(failing)
+    return f"{passing} OF {len(names)} PASS" if failing and passing else ""
 
 
 def _score(draws: Sequence[Run]) -> str:
     """Return how many requirements a controller meets or, of several draws, how many it passes."""
     if len(draws) > 1:
-        return f"{passes(draws)} draws" if all(not r.failure for r in draws) else passes(draws)
+        passing = sum(not run.failure for run in draws)
+        ended = [run.failure for run in draws if run.failure in ENDINGS]
+        how_ended = f" ({ENDINGS[max(ended, key=ended.count)]})" if ended else ""
+        return f"{passing} of {len(draws)} draws{how_ended}"
     (run,) = draws
     return f"{len(run.requirements) - len(run.missed)} of {len(run.requirements)}"
 

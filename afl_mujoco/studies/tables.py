@@ -58,15 +58,6 @@ def _replayed(*arguments: Any) -> Mapping[str, Any]:
     return replay_data(*arguments)
 
 
-def passes(runs: Sequence[Run]) -> str:
-    """Return how many of some runs pass, and how most of the others fail."""
-    failures = [run.failure for run in runs if run.failure]
-    if len(runs) == 1:
-        return how(runs[0].failure)
-    text = f"passes {len(runs) - len(failures)} of {len(runs)}"
-    return f"{text}, else {how(max(failures, key=failures.count))}" if failures else text
-
-
 def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
     """Return the draws of each scenario and controller, in their order."""
     found: dict[tuple[str, str], list[Run]] = {}

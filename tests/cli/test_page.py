@@ -182,7 +182,7 @@ def test_a_name_is_text_whatever_it_contains(page: str, outline: Outline) -> Non
 def test_data_in_the_page_is_json_that_its_script_can_read(outline: Outline) -> None:
     *data, _ = outline.raw["script"]
     found = [[run["controller"] for run in json.loads(block)["runs"]] for block in data]
-    assert found == [["fixed", "adaptive"], ["fixed", "adaptive"], ["lqr"]]
+    assert found == [["lqr"], ["fixed", "adaptive"], ["fixed", "adaptive"]]
 
 
 def test_the_policy_admits_the_pages_own_script_and_style_and_no_network(outline: Outline) -> None:

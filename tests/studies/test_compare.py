@@ -119,7 +119,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     names = ("lqr", "compared.Counting", "compared.zero", "compared.late")
     met = (3, 3, 0, 0)
     said = " · ".join(f"{name} {count} of 3" for name, count in zip(names, met, strict=True))
-    assert output.splitlines()[-1] == f"FAIL: {said}"
+    assert output.splitlines()[-1] == f"2 OF 4 PASS: {said}"
     written = {path.name for path in (rig / "out").iterdir()}
     made = {"compare.json", "compare.npz", "compare.md", "compare-1.replay.json", "report.html"}
     assert made <= written
