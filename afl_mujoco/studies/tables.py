@@ -46,7 +46,8 @@ def replay(
     return Replay(
         name=name,
         title=f"{scenario.name} as it moves",
-        caption="In MuJoCo as deployed. Space plays and pauses, the arrows step.",
+        caption="In MuJoCo as deployed, the first draw of the noise. Space plays and pauses, the "
+        "arrows step.",
         compute=partial(_replayed, scenario, runs, early),
     )
 
