@@ -20,6 +20,7 @@ from afl_mujoco.report.style import (
     TIME,
     VERMILION,
     colours,
+    lines,
     new_figure,
     quietest_on_top,
 )
@@ -189,12 +190,15 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
         )
     for limit in (panel.about + sign * x for x in panel.limits for sign in (-1.0, 1.0)):
         axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
+    how = lines(panel.curves)
     order = quietest_on_top({name: values for name, (_, values) in panel.curves.items()})
     for number, (name, (time, values)) in enumerate(panel.curves.items()):
         style: dict[str, Any] = {"color": shades.get(name, BLACK), "zorder": order[name]}
         if panel.black:
             style = {"color": BLACK, "linestyle": ("-", ":", "--", "-.")[number % 4]}
-        axis.plot(time, values, label=name, linewidth=1.3, **style)
+        elif not panel.over:  # dashes are what curves should be
+            style |= how[name]
+        axis.plot(time, values, label=name, **{"linewidth": 1.3, **style})
         if time[-1] < duration - 1e-9 and not panel.black:
             axis.plot(time[-1], values[-1], "x", color=style["color"], markersize=8)
     for time, values in panel.over.values():

@@ -44,7 +44,9 @@ CONTROLLERS: Mapping[str, str] = {
 }
 """Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""
 
-_SPARE = ("#44AA99", "#DDCC77", "#88CCEE", GREY)  # light: black dashes show on them
+_SPARE = ("#E3002C", "#44AA99", "#DDCC77", "#88CCEE", GREY)  # the first: one's own stands out
+
+_LINES: tuple[Any, ...] = ("-", (0.0, (7.0, 1.5)), (0.0, (4.0, 1.5, 1.0, 1.5)), (0.0, (1.5, 1.2)))
 
 TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
 
@@ -134,6 +136,16 @@ def colours(controllers: Iterable[str]) -> dict[str, str]:
     golden = (to_hex(hsv_to_rgb(0.618 * i % 1.0, 0.8, 0.6)) for i in count())
     spare = chain(_SPARE, golden)
     return {name: CONTROLLERS.get(name) or next(spare) for name in dict.fromkeys(controllers)}
+
+
+def lines(controllers: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return how the curves of controllers are drawn beside their colours: one's own are wide."""
+    names = list(dict.fromkeys(controllers))
+    shipped = [name for name in names if name in CONTROLLERS]
+    found = {name: {"linewidth": 1.9, "linestyle": "-"} for name in names}
+    for number, name in enumerate(shipped):
+        found[name] = {"linewidth": 1.3, "linestyle": _LINES[number % len(_LINES)]}
+    return found
 
 
 def quietest_on_top(signals: Mapping[str, NDArray[np.float64]]) -> dict[str, float]:
