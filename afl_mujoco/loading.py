@@ -10,12 +10,15 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError, told
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
 
 
 @contextmanager
-def told_of(thing: str, did: str = "raised") -> Iterator[None]:
-    """Turn whatever code of the user's raises in the block into an error of one line."""
+def told_of(thing: str, did: str = "raised", *, given: Any = None) -> Iterator[None]:
+    """Turn whatever code of the user's raises in the block into an error of one line.
+
+    given: The parameters by name that the code was given; a name that it lacks gets a hint.
+    """
     try:
         yield
     except AflMujocoError as error:  # it called the package wrongly
@@ -24,6 +27,8 @@ def told_of(thing: str, did: str = "raised") -> Iterator[None]:
         raise
     except BaseException as error:
         rule = f"{did} {type(error).__name__}: {told(error)}"
+        if given is not None and isinstance(error, AttributeError) and error.obj is given:
+            rule += f"; p has {', '.join(vars(given))}{meant(error.name, list(vars(given)))}"
         raise InvalidValueError(thing, rule) from error
 
 

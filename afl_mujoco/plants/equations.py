@@ -23,7 +23,6 @@ from afl_mujoco.errors import (
     InvalidValueError,
     MissingPackageError,
     UnknownNameError,
-    meant,
     told,
 )
 from afl_mujoco.loading import told_of
@@ -155,15 +154,9 @@ def _interpreted(plant: Plant) -> Fill:
         arrays = (q.copy(), v.copy()) if plant.terms else (q.copy(), v.copy(), u.copy())
         named = plant.named(p)
         given = dict(vars(named))
-        try:
-            with told_of(word), np.errstate(all="ignore"):  # what is not finite is refused
-                found = function(*arrays, named)
-        except InvalidValueError as error:
-            cause = error.__cause__
-            if isinstance(cause, AttributeError) and cause.obj is named:
-                hint = f"; p has {', '.join(given)}{meant(cause.name, list(given))}"
-                raise InvalidValueError(word, error.rule + hint) from cause
-            raise
+        # what is not finite is refused
+        with told_of(word, given=named), np.errstate(all="ignore"):
+            found = function(*arrays, named)
         same = all(np.array_equal(a, b) for a, b in zip(arrays, (q, v, u), strict=False))
         if not same or vars(named) != given:
             raise InvalidValueError(word, "must not change its arguments, but does")

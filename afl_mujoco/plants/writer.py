@@ -166,7 +166,7 @@ class PlantModel:
         if self.plant.write is None:
             return {}
         given = dict(vars(p))
-        with told_of("write"):
+        with told_of("write", given=p):
             found = self.plant.write(p)
         if not isinstance(found, Mapping):
             raise InvalidValueError("write", "must return a dictionary", told(found, repr)[:80])
@@ -236,6 +236,8 @@ class PlantModel:
             body.explicitinertial = True
         for geom in spec.geoms:
             body = geom.parent
+            if geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0):
+                continue
             if ("geom", geom.name) in written and not body.explicitinertial and body.name != WORLD:
                 rule = "must have an <inertial>, or be written, since a geom that has its mass is"
                 raise InvalidValueError(f"body {body.name!r}", rule, f"geom {geom.name!r}")

@@ -428,9 +428,11 @@ def signals_of(
     n, found = len(plant.coordinates), {}
 
     def each(name: str, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-        with told_of(f"signal {name!r}"):
-            given = ((states[k], plant.named(values[k])) for k in rows)
-            several = [plant.signals[name](x[:n], x[n:], p) for x, p in given]
+        several = []
+        for k in rows:
+            x, p = states[k], plant.named(values[k])
+            with told_of(f"signal {name!r}", given=p):
+                several.append(plant.signals[name](x[:n], x[n:], p))
         try:
             return np.array(several, dtype=np.float64).reshape(len(rows))
         except (TypeError, ValueError):

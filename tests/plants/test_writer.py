@@ -180,3 +180,25 @@ def test_the_inertia_of_a_body_that_is_written_in_part_stays_what_its_geoms_give
         model.write(row)
         assert model.differing(row) == {}
     assert model.mj_model.body("arm").inertia[0] > 1e-4
+
+
+@pytest.mark.parametrize("mass", ["0", "0.1"])
+def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path) -> None:
+    touch_nothing = 'contype="0" conaffinity="0"'
+    geoms = f'<geom name="stub" type="sphere" size=".1" mass="1" {touch_nothing}/>'
+    geoms += f'<geom name="flag" type="box" size=".1 .1 .1" mass="{mass}" {touch_nothing}/>'
+    changes = (
+        ('<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>', geoms),
+        ('"geom arm pos 2"', '"geom flag pos 2": p.mass, "geom arm pos 2"'),
+    )  # fmt: skip
+    plant = small(tmp_path, *changes)
+    if mass != "0":
+        with pytest.raises(AflMujocoError, match="a geom that has its mass"):
+            PlantModel(plant)
+    else:
+        PlantModel(plant)
+
+
+def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
+    with pytest.raises(AflMujocoError, match="p has mass, length; did you mean length"):
+        PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
