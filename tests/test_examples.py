@@ -99,7 +99,7 @@ def test_the_first_comparison_says_who_meets_the_requirements(tmp_path: Path) ->
     )
     assert (run.returncode, run.stderr) == (1, "")
     last = run.stdout.splitlines()[-1]
-    assert last.startswith("2 OF 3 PASS: lqr 10 of 10 draws · adaptive 0 of 10 draws · own")
+    assert last.startswith("1 OF 3 PASS: lqr 10 of 10 draws · adaptive 0 of 10 draws · own")
     result = json.loads((tmp_path / "compare.json").read_text())
     outcomes = {one["controller"]: one["outcome"] for one in result["rows"]}
     assert outcomes == dict.fromkeys(("lqr", "adaptive", "own_controller.Integrating"), "completed")

@@ -119,8 +119,9 @@ def wait(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
 
 
 def replay(browser: webdriver.Chrome) -> WebElement:
-    """Return the replay of the scenario that is pictured first, drawn."""
-    found = browser.find_element(By.CSS_SELECTOR, ".replay")
+    """Return the first replay of two controllers, drawn."""
+    every = browser.find_elements(By.CSS_SELECTOR, ".replay")
+    found = next(x for x in every if len(x.find_elements(By.TAG_NAME, "canvas")) == 2)
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
     wait(browser, "[...arguments[0].querySelectorAll('canvas')].every(c => c.dataset.frame)", found)
     return found
