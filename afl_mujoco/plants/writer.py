@@ -234,10 +234,9 @@ class PlantModel:
                 body.mass, body.ipos = float(there.mass[0]), there.ipos
                 body.iquat, body.inertia = there.iquat, there.inertia
             body.explicitinertial = True
-        for geom in spec.geoms:
+        massive = (x for x in spec.geoms if (x.density if np.isnan(x.mass) else x.mass) > 0.0)
+        for geom in massive:
             body = geom.parent
-            if geom.mass == 0.0 or (np.isnan(geom.mass) and geom.density == 0.0):
-                continue
             if ("geom", geom.name) in written and not body.explicitinertial and body.name != WORLD:
                 rule = "must have an <inertial>, or be written, since a geom that has its mass is"
                 raise InvalidValueError(f"body {body.name!r}", rule, f"geom {geom.name!r}")
