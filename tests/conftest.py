@@ -22,6 +22,7 @@ from tests.program import without_progress
 
 SEED = 20260
 BACKEND = choose_backend()  # before a test imports mujoco
+os.environ.pop("COLUMNS", None)  # of pytest-xdist: what is printed has the width of a pipe
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as in a shell's background jobs
     signal.signal(signal.SIGINT, signal.default_int_handler)  # else what a test starts ignores it

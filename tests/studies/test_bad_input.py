@@ -176,7 +176,7 @@ CASES = {
     ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
-        (["--imperfections", "gravity"], "imperfection must be one of control-period, delay, "),
+        (["--imperfections", "gravity"], "imperfection must be one of control_period, delay, "),
         (["--seeds", "0"], "seeds must be at least 1, got 0"),
         (["--scan", "1"], "scan must be at least 2, got 1"),
         (["--seeds", 20 * "9"], "seeds must be at most 1000, got 9"),
