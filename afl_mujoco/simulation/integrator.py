@@ -433,8 +433,9 @@ def scipy_solver(
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
+    longest: float = MAX_STEP,
 ) -> Solver:
-    """Return SciPy's integrator of a right-hand side in Python."""
+    """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
     require_tolerances(method, rtol, atol)
 
     def solve(
@@ -453,7 +454,7 @@ def scipy_solver(
             t_eval=times,
             rtol=rtol,
             atol=atol,
-            max_step=MAX_STEP,
+            max_step=longest,
             events=_events(criterion, 2 * len(criterion.target)),
         )
         samples = np.reshape(solution.y, (len(state), -1)).T

@@ -161,7 +161,8 @@ def solve_ode(
     loop = Loop(scenario, change, trees, controller)
     solver = loop.solver(criterion, rtol, atol, longest_step)
     if method != "DOP853":
-        solver = scipy_solver(loop.derivative, criterion, method, rtol, atol)
+        longest = longest_step_of(scenario)
+        solver = scipy_solver(loop.derivative, criterion, method, rtol, atol, longest)
     nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(scenario, solver, loop.arrive, times, nodes=nodes)
     return times[: len(states)], states, outcome
