@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
-from afl_mujoco.simulation.poses import FLAT, corners, follow, kept
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.poses import FLAT, corners, follow, kept, posed
 
 AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
 """By how much the camera looks past the plane of motion, and above the horizon [deg]: at a motion
@@ -85,11 +85,8 @@ def _moving(model: SimulatedModel, replay: Replay) -> Floats:
     geoms = np.flatnonzero(m.body_weldid[m.geom_bodyid] > 0)
     bodies = np.flatnonzero(m.body_weldid > 0)
     found = np.empty((len(replay.time), len(bodies) + 8 * len(geoms), 3))
-    for index, points in enumerate(found):
-        model.write(replay.values[index])
-        write_state(model.addresses, replay.state[index])
-        mujoco.mj_kinematics(m, d)
-        points[:] = np.concatenate([d.xipos[bodies], corners(m, d, geoms.tolist())])
+    for index in posed(model, replay.values, replay.state):
+        found[index] = np.concatenate([d.xipos[bodies], corners(m, d, geoms.tolist())])
     return found
 
 

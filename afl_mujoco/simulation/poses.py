@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from afl_mujoco.plants.library import write_row
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
@@ -61,6 +62,19 @@ def drawn_geoms(m: mujoco.MjModel) -> list[int]:
     return [int(one) for one in np.flatnonzero(seen)]
 
 
+def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int]:
+    """Yield the number of each instant of a run, with its parameters and state in the model.
+
+    values, states: Shapes (N, parameters) and (N, 2 n).
+    """
+    at, (rows, which) = model.addresses, model.course(values)
+    for k, state in enumerate(states):
+        write_row(at.structures, at.targets, rows[which[k]])
+        write_state(at, state)
+        mujoco.mj_kinematics(model.mj_model, model.mj_data)
+        yield k
+
+
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
     """Return poses with the parameters of each instant written into the model.
 
@@ -71,10 +85,7 @@ def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: F
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
     rotations = np.empty((count, len(geoms), 3, 3))
     around = np.empty((count, 8 * len(moving), 3))
-    for k in range(count):
-        model.write(values[k])
-        write_state(model.addresses, states[k])
-        mujoco.mj_kinematics(m, d)
+    for k in posed(model, values, states):
         rotations[k] = d.geom_xmat[geoms].reshape(-1, 3, 3)
         for g, one in enumerate(geoms):
             _, sizes[k, g], middle = shape_of(m, one)
