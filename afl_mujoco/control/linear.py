@@ -27,9 +27,6 @@ interpolated between them."""
 MOST_KNOWN = 4096
 """Designs that are kept for the runs of one plant to share."""
 
-SHORTEST = 1e-9
-"""Least time between nodes [s]: parameters may pass them at one time, but for round-off."""
-
 HOLDS = 1e-6
 """Share of the forces at rest that inputs may leave over."""
 
@@ -148,18 +145,12 @@ class LinearFeedback(Controller):
 
     def rows_along(self, segment: Segment) -> tuple[Floats, Floats]:
         """Return the rows along a segment: between nodes, polynomials of the share of the way."""
-        rates = {i: segment.lines[i][1] for i in self.grids if segment.lines[i][1]}
-        knots = [segment.start, segment.end]
-        for i, rate in rates.items():
-            first, spacing = self.grids[i]
-            begins, ends = (segment.values_at(time)[i] for time in knots[:2])
-            low, high = sorted(((begins - first) / spacing, (ends - first) / spacing))
-            places = np.arange(np.ceil(low), np.floor(high) + 1.0)
-            knots += (segment.start + (first + spacing * places - begins) / rate).tolist()
-        times = np.array(sorted(time for time in knots if segment.start <= time <= segment.end))
-        times = times[np.diff(times, prepend=-np.inf) > SHORTEST]
-        times[-1] = segment.end
-        shares = np.linspace(0.0, 1.0, len(rates) + 1) if rates else np.array([0.5])
+        names = list(self.plant.parameters)
+        ends = np.sort([segment.values_at(segment.start), segment.values_at(segment.end)], axis=0)
+        nodes = self.nodes_within(dict(zip(names, zip(*ends.tolist(), strict=True), strict=True)))
+        times = np.array([segment.start, *segment.passes(names, nodes), segment.end])
+        degree = sum(segment.lines[i][1] != 0.0 for i in self.grids)
+        shares = np.linspace(0.0, 1.0, degree + 1)
         powers, rows = np.vander(shares, increasing=True), []
         for start, end in itertools.pairwise(times.tolist()):
             table = [self._row(segment.values_at(start + x * (end - start))) for x in shares]

@@ -43,6 +43,10 @@ from afl_mujoco.values import (
     within,
 )
 
+SHORTEST = 1e-9
+"""Least length of a part of a segment [s]: parameters may pass nodes at one time, but for
+round-off."""
+
 
 @dataclass(frozen=True, slots=True)
 class Segment:
@@ -61,6 +65,22 @@ class Segment:
         """
         elapsed = time - self.start
         return np.array([value + rate * elapsed for value, rate in self.lines])
+
+    def passes(self, names: Iterable[str], nodes: Mapping[str, NDArray[np.float64]]) -> list[float]:
+        """Return the times inside the segment at which parameters pass nodes [s], increasing.
+
+        names: Of the parameters, in the order of `lines`.
+        nodes: Values by name.
+        """
+        passed: list[float] = []
+        for name, (value, rate) in zip(names, self.lines, strict=True):
+            if rate and (at := nodes.get(name)) is not None:
+                passed += (self.start + (at - value) / rate).tolist()
+        found = [self.start]
+        for time in sorted(passed):
+            if found[-1] + SHORTEST < time < self.end - SHORTEST:
+                found.append(time)
+        return found[1:]
 
     def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
         """Return the parts between some times inside the segment; the first has the impulse.

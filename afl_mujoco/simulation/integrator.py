@@ -335,9 +335,6 @@ MIN_RTOL = 100 * np.finfo(float).eps
 
 NO_NODES: Mapping[str, NDArray[np.float64]] = {}
 
-SHORTEST = 1e-9
-"""Least length of a part [s]: parameters may pass nodes at one time, but for round-off."""
-
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
 
@@ -401,15 +398,7 @@ def _smooth_parts(
 ) -> Iterator[tuple[Segment, bool]]:
     """Yield the segments, cut where a parameter passes a node; True for what begins one."""
     for segment in scenario.segments:
-        passed: list[float] = []
-        for name, (value, rate) in zip(scenario.schedule, segment.lines, strict=True):
-            if rate and (at := nodes.get(name)) is not None:
-                passed += (segment.start + (at - value) / rate).tolist()
-        cuts = [segment.start]
-        for time in sorted(passed):
-            if cuts[-1] + SHORTEST < time < segment.end - SHORTEST:
-                cuts.append(time)
-        for part in segment.cut_at(cuts[1:]):
+        for part in segment.cut_at(segment.passes(scenario.schedule, nodes)):
             yield part, part.start == segment.start
 
 
