@@ -21,6 +21,7 @@ from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
 
@@ -375,3 +376,24 @@ def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
         afl.Scenario(name="own", plant=QUADROTOR, requirements=asked)
     with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):
         PlantModel(replace(QUADROTOR, wraps=("x",)))
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [
+        lambda q, v, p: p.load * q[0] + v[1],
+        lambda q, v, p: cos(q[2]),  # of numbers alone
+        lambda q, v, p: q[0] if q[1] > 0.0 else 1.0,
+        lambda q, v, p: 3.0,
+        lambda q, v, p: np.max(q),
+        lambda q, v, p: q[0] - np.mean(q[0]),  # of arrays, something else
+    ],
+)
+def test_signals_of_a_run_are_those_of_its_instants(signal) -> None:
+    plant = replace(QUADROTOR, signals={"own": signal})
+    states = np.random.default_rng(0).normal(size=(40, 8))
+    values = np.tile(plant.nominal, (40, 1))
+    found = signals_of(plant, states, values)["own"]
+    pairs = zip(states, values, strict=True)
+    expected = [signal(x[:4], x[4:], plant.named(row)) for x, row in pairs]
+    np.testing.assert_allclose(found, expected, rtol=1e-15)
