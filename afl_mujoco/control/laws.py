@@ -22,9 +22,8 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 
 Floats = NDArray[np.float64]
 
-WINDOW = 0.02
-MOST_EVALUATIONS = 20_000
-"""Most calls of a controller in Python within `WINDOW` of simulated time [s], where it is evaluated
+WINDOW, MOST_EVALUATIONS = 0.02, 20_000
+"""Simulated time [s], and most calls of a controller in Python within it, where it is evaluated
 continuously.
 
 A step takes 12; the paper's controllers, whose force has kinks, need fewer than 1000. One
@@ -97,6 +96,7 @@ class Laws:
         plant, self.controller, none = scenario.plant, controller, np.empty(0)
         count = len(plant.parameters)
         self.callback: Callback | None = None
+        self._segment: Segment | None = None  # the one that the law of an affine one is along
         self._law = Law(AFFINE, np.empty((0, 0, 0)), none, none, np.full(count, np.nan), none,
                         np.empty((0, 0, 0)), none, 0)  # fmt: skip
         if controller.interpreted or controller.stateful:
@@ -114,8 +114,11 @@ class Laws:
         """Return it along a segment."""
         if self._law.kind != AFFINE:
             return self._law
-        knots, rows = self.controller.rows_along(segment)
-        return self._law._replace(knots=knots, rows=rows, row=np.empty(rows.shape[1]))
+        if segment is not self._segment:  # an integrator in Python asks for it at each stage
+            knots, rows = self.controller.rows_along(segment)
+            self._law = self._law._replace(knots=knots, rows=rows, row=np.empty(rows.shape[1]))
+            self._segment = segment
+        return self._law
 
     def watched(self) -> Any:
         """Return the block in which compiled code runs; it raises what the controller raises."""
@@ -126,7 +129,7 @@ def _asked(own: Controller) -> Any:
     """Return a controller as a `Callback` calls it."""
 
     def ask(time: float, state: Floats, _: Floats, values: Floats, out: Floats) -> None:
-        out[:] = own.command(time, state.copy(), own.assumed_values(values.copy()))
+        out[:] = own.command(time, state, own.assumed_values(values))
 
     return ask
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.laws import Law, Laws, command
+from afl_mujoco.control.laws import Laws, command
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Plant
@@ -184,6 +184,7 @@ def _write_rates(at, line, space, state, rates):
             for j in range(2 * n):
                 rates[j] = np.nan
             return
+        space.inputs[i] = min(max(space.inputs[i], space.low[i]), space.high[i])
     for i in range(n):
         space.forces[i] = line.push[i]
         rates[i] = state[n + i]
@@ -203,9 +204,6 @@ def loop_rates(arguments, time, state, rates):
     at, line, space, law = arguments
     _write_at(at, line, space, time)
     command(law, time, state, space.values, space.inputs)
-    for i in range(at.k):
-        if abs(space.inputs[i]) < STATE_LIMIT:
-            space.inputs[i] = min(max(space.inputs[i], space.low[i]), space.high[i])
     _write_rates(at, line, space, state, rates)
 
 
@@ -266,16 +264,16 @@ def closed_loop(
 ) -> Derivative:
     """Return the right-hand side of the same loop for an integrator in Python."""
     laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
-    known: dict[Segment, tuple[Line, Law]] = {}
+    lines: dict[Segment, Line] = {}
 
     def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
-        if segment not in known:
-            known.clear()
-            known[segment] = line_of(model, segment, change), laws.along(segment)
-        line, law = known[segment]
+        if segment not in lines:
+            lines.clear()
+            lines[segment] = line_of(model, segment, change)
+        fixed = model.addresses, lines[segment], space, laws.along(segment)
         x, rates = np.array(state[: 2 * n]), np.empty(2 * n)
         with laws.watched():
-            _rates(model.addresses, line, space, law, time, x, rates)
+            _rates(*fixed, time, x, rates)
         return rates
 
     return derivative

@@ -366,8 +366,10 @@ class Motion:
             kind, size = TERMS if plant.terms else ACCELERATIONS, self.equations.size
             address = self.equations.callback.address
             self.called.append(self.equations.callback)
-        self.drag = Callback(self._drag, (2 * n, k, j, n))
-        self.called.append(self.drag)
+        self.drag = 0
+        if plant.entering.any():
+            self.called.append(Callback(self._drag, (2 * n, k, j, n)))
+            self.drag = self.called[-1].address
         low, high = plant.limits.T.copy()
         self.segment = scenario.segments[0]  # what is integrated now
         self.dynamics = Dynamics(kind, n, k, low, high, address, 0)
@@ -390,8 +392,8 @@ class Motion:
     def along(self, segment: Segment) -> Dynamics:
         """Return the equations along a segment, with what rates do where they act."""
         pairs = zip(self.scenario.plant.entering, segment.lines, strict=True)
-        acts = self.equations is not None and any(rate for enters, (_, rate) in pairs if enters)
-        return self.dynamics._replace(drag=self.drag.address if acts else 0)
+        acts = any(rate for enters, (_, rate) in pairs if enters)
+        return self.dynamics._replace(drag=self.drag if acts else 0)
 
     def require_equations_at(
         self, state: NDArray[np.float64], time: float, segment: Segment

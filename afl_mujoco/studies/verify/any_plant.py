@@ -16,9 +16,7 @@ from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.sampling import held_disturbances, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation.integrator import (
-    integrate,
-)
+from afl_mujoco.simulation.integrator import integrate
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
