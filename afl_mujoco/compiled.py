@@ -174,7 +174,7 @@ class Callback:
     def __init__(self, function: Any, sizes: tuple[int, int, int, int] | None = None) -> None:
         """Take a function of Python and the sizes of its arrays, or one for numba to compile.
 
-        Numba hands pointers to the latter. What the former raises is kept for `check`.
+        Numba hands pointers to the latter. What the former raises is kept for `watched`.
         """
         self._error: BaseException | None = None
         if sizes is None:

@@ -434,7 +434,7 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
                 name=f"compare-{number}",
                 title=f"{scenario.name} over time",
                 caption="Dashed: limits; grey along the curves: bands of rest; grey across: "
-                "disturbances; pale: the command. The first draw of the noise.",
+                "disturbances; pale: the command. Of several draws, the first.",
                 draw=partial(draw_responses, result, scenario),
             )
         )

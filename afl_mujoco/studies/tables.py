@@ -46,7 +46,7 @@ def replay(
     return Replay(
         name=name,
         title=f"{scenario.name} as it moves",
-        caption="In MuJoCo as deployed, the first draw of the noise. Space plays and pauses, the "
+        caption="In MuJoCo as deployed; of several draws, the first. Space plays and pauses, the "
         "arrows step.",
         compute=partial(_replayed, scenario, runs, early),
     )
