@@ -9,11 +9,14 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
+from importlib.metadata import version
 from pathlib import Path
 
 import mujoco
 import pytest
+from packaging.requirements import Requirement
 
 import afl_mujoco
 
@@ -133,12 +136,20 @@ def test_no_committed_file_names_a_package_index() -> None:
 @pytest.mark.parametrize("lock", sorted(ROOT.glob("requirements*.lock")), ids=relative)
 def test_a_lock_pins_versions_and_their_archives_and_says_nothing_else(lock: Path) -> None:
     pin = re.compile(
-        r"[A-Za-z0-9._-]+==[A-Za-z0-9.!+]+( ; python_version \S+ '[\d.]+')?"
+        r"[a-z0-9-]+==[A-Za-z0-9.!+]+( ; [\w\s().'=!<>]+)?"
         r"( --hash=sha256:[0-9a-f]{64})+"
     )
     lines = re.sub(r" \\\n +", " ", lock.read_text()).splitlines()
     odd = [line for line in lines if not line.startswith("#") and not pin.fullmatch(line)]
     assert odd == []
+
+
+def test_what_is_installed_is_what_pyproject_allows() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    for line in project["project"]["dependencies"] + project["dependency-groups"]["dev"]:
+        asked = Requirement(line)
+        if asked.marker is None or asked.marker.evaluate():
+            assert asked.specifier.contains(version(asked.name), prereleases=True), line
 
 
 # The import contracts hold, and would notice
