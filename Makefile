@@ -91,11 +91,12 @@ mutants: $(READY) ## plant a sample of the faults that Cosmic Ray can think of, 
 	@$(INSTALL) requirements-mutants.lock
 	@$(BIN)/python tests/mutants.py $(ARGS)
 
-check: $(READY) ## format, lint, types, import contracts, architecture
+check: $(READY) ## format, lint, types, import contracts, workflows, architecture
 	@$(BIN)/ruff format --check .
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/check-jsonschema --quiet --builtin-schema vendor.github-workflows .github/workflows/*.yml
 	@$(BIN)/pytest -q tests/architecture
 
 clean: ## remove caches, build products and everything in renders/

@@ -79,8 +79,7 @@ def install(arguments: list[str]) -> None:
         run([find_uv(), "pip", "install", *best, *arguments], carried())
     except OSError as error:
         print(f"set-up: pip installs, which takes a minute more; uv: {error}", flush=True)
-        if code := subprocess.run([*PIP, "install", "--quiet", *arguments], check=False).returncode:
-            sys.exit(code)
+        run([*PIP, "install", "--quiet", *arguments])
 
 
 def lock(name: str, upgrade: list[str]) -> None:

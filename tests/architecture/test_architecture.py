@@ -152,6 +152,36 @@ def test_what_is_installed_is_what_pyproject_allows() -> None:
             assert asked.specifier.contains(version(asked.name), prereleases=True), line
 
 
+def long_subjects(folder: Path) -> list[str]:
+    """The subjects beyond 72 characters of what HEAD has beside the main branch."""
+    git = ["git", "-C", str(folder)]
+    for main in ("origin/main", "main"):
+        run = subprocess.run(
+            [*git, "log", "--no-merges", "--format=%s", f"{main}..HEAD"],
+            capture_output=True,
+            text=True,
+        )
+        if run.returncode == 0:
+            return [subject for subject in run.stdout.splitlines() if len(subject) > 72]
+    return []
+
+
+def test_a_commit_has_a_subject_of_at_most_72_characters() -> None:
+    assert long_subjects(ROOT) == []
+
+
+def test_a_longer_subject_is_noticed(tmp_path: Path) -> None:
+    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
+    commit = [*git, "commit", "--quiet", "--allow-empty", "--message"]
+    subprocess.run([*git, "init", "--quiet", "--initial-branch=main"], check=True)
+    subprocess.run([*commit, "φ" * 73], check=True)
+    subprocess.run([*git, "switch", "--quiet", "--create", "own"], check=True)
+    subprocess.run([*commit, "φ" * 72 + "\n\n" + "x" * 80], check=True)
+    assert long_subjects(tmp_path) == []
+    subprocess.run([*commit, "φ" * 73], check=True)
+    assert long_subjects(tmp_path) == ["φ" * 73]
+
+
 # The import contracts hold, and would notice
 
 FLOORS = "A package imports only from the floors below it"
