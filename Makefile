@@ -76,13 +76,8 @@ readings: $(READY) ## find under which readings of the paper its numbers hold (2
 claims: $(READY) ## judge anew what validate takes as shipped: C9 to C12, and readings for C3 to C6
 	@$(BIN)/python -m research.claims
 
-bench: $(READY) ## measure speed, as ratios: the loop, the batch integrator, the optimisers, the gain functions, the films, many runs, maps (25 minutes)
-	@$(BIN)/python benchmarks/bench_rollout.py
-	@$(BIN)/python benchmarks/bench_batch.py
-	@$(BIN)/python -m research.optimisers --out renders/bench
-	@$(BIN)/python benchmarks/bench_gain_functions.py
-	@$(BIN)/python benchmarks/bench_render.py
-	@$(BIN)/python benchmarks/bench_montecarlo.py
+bench: $(READY) ## measure speed, and say which aims hold (40 minutes; ARGS="rollout commands")
+	@$(BIN)/python -m benchmarks $(ARGS)
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (15 minutes)
 	@$(BIN)/python tests/planted_faults.py $(ARGS)
