@@ -42,6 +42,15 @@ LOCKS = {
 """What of pyproject.toml each lock resolves; the others hold what the first does not."""
 
 
+IMPORTED = """
+import importlib, pkgutil
+import afl_mujoco, matplotlib.pyplot, pytest
+for module in pkgutil.walk_packages(afl_mujoco.__path__, "afl_mujoco."):
+    importlib.import_module(module.name)
+"""
+"""What commands import; uv leaves it to Python to compile it, where pip compiles all there is."""
+
+
 def carried() -> dict[str, str]:
     """Return the variables by which uv has pip's settings, beside those that are set already."""
     listed = subprocess.run([*PIP, "config", "list"], capture_output=True, text=True, check=False)
@@ -113,6 +122,9 @@ def main(asked: list[str]) -> None:
         install([*PINNED, "--requirement", name])
     if "requirements.lock" in asked:
         install(["--no-deps", "--no-build-isolation", "--editable", "."])
+        if sys.dont_write_bytecode:  # each run would compile all that it imports anew
+            writing = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+            run([sys.executable, "-c", IMPORTED], writing)
 
 
 if __name__ == "__main__":
