@@ -12,7 +12,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from llvmlite import ir
@@ -134,6 +134,13 @@ def _compiled(function: Callable[..., Any], **options: Any) -> Any:
     """Return a compiled function whose code is kept on disk."""
     dispatcher: Any = njit(nogil=True, error_model="numpy", **options)(function)
     _keep(dispatcher, function)
+    ordinary, unliteral = dispatcher.get_call_template, cast(Any, types.unliteral)
+
+    def typed(arguments: Any, named: Any) -> Any:
+        """Type a call by the types of its constants: numba would compile once for each of them."""
+        return ordinary([unliteral(one) for one in arguments], named)
+
+    dispatcher.get_call_template = typed
     return dispatcher
 
 

@@ -95,3 +95,18 @@ def test_where_no_cache_can_be_written_code_is_compiled_and_one_line_says_so(mon
         functions = [compiled.kernel(double), compiled.kernel(triple)]
     assert len(said) == 1
     assert [function(2.0) for function in functions] == [4.0, 6.0]
+
+
+@compiled.kernel
+def tripled(x, twice):
+    return 3 * x if twice else x
+
+
+@compiled.kernel
+def of_constants(x):
+    return tripled(0, False) + tripled(1, True) + tripled(x, x > 0)
+
+
+def test_a_call_with_constants_is_the_call_that_it_is_without():
+    assert of_constants(2) == 9
+    assert len(tripled.overloads) == 1  # not one for each constant
