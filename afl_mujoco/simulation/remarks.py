@@ -9,6 +9,7 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import CartPoleParameters, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
@@ -31,6 +32,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *unit_remarks(scenario, run.control_period),
         *_ended(scenario, run),
         *_stopped(scenario, run),
+        *_at_range(scenario, run),
         *_limited(scenario, run),
         *_refined(run),
         *_nothing_required(scenario),
@@ -108,6 +110,24 @@ def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
             f"{what} hits the end stop, {end:g} {units[name]} from the middle, first at "
             f"{run.time[hits[0]]:.3g} s{beyond}"
         )
+    return found
+
+
+def _at_range(scenario: Scenario, run: Trajectory) -> list[str]:
+    """Remark on a joint that reaches the range that the MJCF gives it, which stops it."""
+    if scenario.is_cart_pole:  # whose joints have none
+        return []
+    found, model = [], PlantModel(scenario.plant).mj_model
+    for i, name in enumerate(scenario.plant.coordinates):
+        joint = model.joint(name)
+        low, high = joint.range
+        beyond = (run.state[:, i] <= low) | (run.state[:, i] >= high)
+        if joint.id in np.flatnonzero(model.jnt_limited) and beyond.any():
+            unit, time = scenario.plant.units[name], run.time[np.argmax(beyond)]
+            found.append(
+                f"{name} reaches its range in the MJCF, {low:.4g} to {high:.4g} {unit}, first at "
+                f"{time:.3g} s: MuJoCo stops it there, the equations do not"
+            )
     return found
 
 

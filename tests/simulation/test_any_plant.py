@@ -21,6 +21,7 @@ from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
@@ -397,3 +398,19 @@ def test_signals_of_a_run_are_those_of_its_instants(signal) -> None:
     pairs = zip(states, values, strict=True)
     expected = [signal(x[:4], x[4:], plant.named(row)) for x, row in pairs]
     np.testing.assert_allclose(found, expected, rtol=1e-15)
+
+
+def test_a_joint_that_reaches_its_range_is_remarked_on() -> None:
+    ranged = RENAMED.replace('axis="1 0 0"', 'axis="1 0 0" range="-.3 .3"')
+    scenario = afl.Scenario(
+        name="short rail", plant=replace(SLED, model=ranged), duration=2.0,
+        initial_state={"lean": -0.5},
+    )  # fmt: skip
+    lqr = bound(afl.CONTROLLERS["lqr"], scenario)
+    run = afl.simulate_mujoco(scenario, lqr, mode="sampled")
+    (remark,) = [one for one in remarks_on(run, scenario, lqr) if "range" in one]
+    first = run.time[np.argmax(np.abs(run.state[:, 0]) >= 0.3)]
+    assert remark.startswith(f"way reaches its range in the MJCF, -0.3 to 0.3 m, first at {first}")
+    free = replace(scenario, plant=SLED)
+    other = afl.simulate_mujoco(free, lqr, mode="sampled")
+    assert not [one for one in remarks_on(other, free, lqr) if "range" in one]
