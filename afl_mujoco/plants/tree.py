@@ -160,7 +160,7 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
 
 @register_jitable
 def _inertias(tree, place, frame, moment, inertia):
-    """Fill the first moments and inertias of bodies about the world's origin."""
+    """Fill the first moments and inertias of bodies about the origin."""
     for b in range(1, len(tree.parent)):
         centre, own, mass = np.zeros(3), np.zeros((3, 3)), tree.body_mass[b]
         _add(1.0, place[b], centre)
@@ -249,7 +249,7 @@ def _motors(tree, place, frame, motion, owner, inputs):
         _turn_by(own, tree.site_quat[site])
         _add_turned(own, tree.actuator_gear[k, 3:], wrench[0])
         _add_turned(own, tree.actuator_gear[k, :3], wrench[1])
-        _add_cross(at, wrench[1], wrench[0])  # about the world's origin
+        _add_cross(at, wrench[1], wrench[0])  # about the origin
         for j in range(len(owner)):
             if _carries(tree.parent, owner[j], b):
                 inputs[j, k] = tree.motor_gain[k] * _power(motion[j], wrench)
@@ -300,6 +300,17 @@ def terms(tree, q, v, mass, bias, inputs, energy):
     energy[0] = energy[1] = 0.0
     for i in range(inputs.size):
         inputs[i // inputs.shape[1], i % inputs.shape[1]] = 0.0
+    _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
+    # again about where the bodies are: moments about a far origin cancel to rounding
+    mid = np.zeros(3)
+    for b in range(1, bodies):
+        _add(1.0 / (bodies - 1), place[b], mid)
+    place[:], frame[:], motion[:] = 0.0, 0.0, 0.0
+    velocity[:], acceleration[:] = 0.0, 0.0
+    _add(-1.0, mid, place[0])
+    for b in range(1, bodies):
+        for i in range(3):
+            energy[1] -= tree.gravity[i] * tree.body_mass[b] * mid[i]
     _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
     _inertias(tree, place, frame, moment, inertia)
     _forces(tree, velocity, acceleration, moment, inertia, force, energy)

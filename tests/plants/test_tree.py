@@ -52,6 +52,19 @@ def test_terms_are_mujocos_in_any_frame() -> None:
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())
 
 
+def test_terms_of_a_plant_far_from_the_origin_are_those_at_it() -> None:
+    near = Tree(**made(SPATIAL).tree(np.empty(0)))
+    far = Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0)))
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        q, v = rng.uniform(-3, 3, 4), rng.uniform(-5, 5, 4)
+        here, there = terms_of(near, q, v), terms_of(far, q, v)
+        for one, other in zip(here[:3], there[:3], strict=True):
+            np.testing.assert_allclose(other, one, rtol=0, atol=1e-10 * np.abs(one).max())
+        lift = -near.gravity[0] * near.body_mass[1:].sum() * (1e4 - 0.1)
+        assert there.energy - here.energy == pytest.approx([0.0, lift], abs=1e-8 * abs(lift))
+
+
 def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() -> None:
     """M and h by finite differences of where MuJoCo puts bodies, so not by any recursion."""
     model = made(SPATIAL)
