@@ -25,7 +25,7 @@ import re
 import shutil
 import textwrap
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +41,7 @@ from afl_mujoco.cli.main import OTHERS, main
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import Block, Figure, Replay, Section, drawn_of, figures_of
 from afl_mujoco.report.markdown import plain, to_markdown
-from afl_mujoco.report.numbers import ceil_to, floor_to, short
+from afl_mujoco.report.numbers import short
 from afl_mujoco.report.page import replay_html
 from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.studies.record import Record, load_record
@@ -101,6 +101,22 @@ def estimate(found: Any, name: str) -> Any:
 def loop(case: Any, parameters: str, noise: bool) -> Any:
     """Return a loop of a schedule of the study of estimation."""
     return next(x for x in case.loops if (x.parameters, x.noise) == (parameters, noise))
+
+
+def floor_to(x: float, digits: int = 2) -> float:
+    """Round towards zero to significant digits: the safe side of a level that is tolerated."""
+    return _to(math.floor, x, digits)
+
+
+def ceil_to(x: float, digits: int = 2) -> float:
+    """Round away from zero to significant digits: the safe side of a level that is needed."""
+    return _to(math.ceil, x, digits)
+
+
+def _to(rounded: Callable[[float], int], x: float, digits: int) -> float:
+    """Round to significant digits; a trace of round-off is no reason for another digit."""
+    scale = 10.0 ** (digits - 1 - math.floor(math.log10(abs(x))))
+    return math.copysign(rounded(round(abs(x) * scale, 9)) / scale, x)
 
 
 NAMES = {

@@ -25,14 +25,11 @@ from afl_mujoco.studies.verify.claims import (
     Claim,
     Comparison,
 )
-from afl_mujoco.studies.verify.convergence import Refinement
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check
-from afl_mujoco.studies.verify.curves import Curves
-from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Ledger, Omission
+from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Omission
 
 NASTY = '<script>alert(1)<!-- & "quoted"'
 CONTROLLERS = ("fixed", "adaptive")
-APART = dict(zip(REPORTED, (0.0, 1e-13, 1e-6, 1e-2), strict=True))
 STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
 
 OWN = afl.Scenario(
@@ -58,11 +55,6 @@ _PARTS = {
     "total": 0.0348, "model_form": 1.8e-12, "integrator": 4.1e-10, "control_hold": 0.0348,
     "schedule_sampling": 1.9e-5, "disturbance_timing": 0.0, "residual": 1.8e-5,
 }  # fmt: skip
-_LEDGER = {
-    "work": 2.07, "energy_of_ramps": 0.0, "energy_of_jumps": 1.25, "energy_residual": 4.6e-13,
-    "impulse": -2.03, "momentum_of_ramps": 0.0, "momentum_of_jumps": 0.5,
-    "momentum_residual": 1.8e-15,
-}  # fmt: skip
 _QUANTILES = {"5%": -66.5, "25%": -14.8, "median": 0.1, "75%": 7.1, "95%": None}
 
 
@@ -76,7 +68,6 @@ def make_result(
 ) -> Result:
     places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
     checks = make_checks(places, b3)
-    curves = [make_curves(s, c, fell_at=fell_at) for s in scenarios for c in CONTROLLERS]
     runs = tuple(
         Run(**place, simulator=name, outcome=outcome, metrics=dict.fromkeys(UNITS) | _METRICS)
         for place in places
@@ -90,15 +81,8 @@ def make_result(
                 "published": comparison(0.504, (0.4725, 0.5354)),
                 "retuned": comparison(0.919, (0.9003, 0.9352)),
             },
-            "ledgers": tuple(Ledger(**place, **_LEDGER) for place in places),
             "omissions": tuple(
                 Omission(**place, stretching_rod=1.7e-13, momenta_kept=2.6) for place in places
-            ),
-            "studies": (
-                make_study("free swing RK4", 4.0),
-                make_study("free swing Euler", 1.0),
-                *(make_study("continuous", 4.0, **place) for place in places),
-                *(make_study("sampled", 1.0, **place) for place in places),
             ),
         }
     return Result(
@@ -108,7 +92,11 @@ def make_result(
         error_budgets=tuple(make_budget(k + 1, **place) for k, place in enumerate(places)),
         settings=Settings(full=full),
         scenarios=tuple(scenarios),
-        curves={f"{one.scenario}/{one.controller}": one for one in curves},
+        curves={
+            f"{s.name}/{c}": make_curves(s, c, fell_at=fell_at)
+            for s in scenarios
+            for c in CONTROLLERS
+        },
         **more,
     )
 
@@ -139,13 +127,6 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
     )  # fmt: skip
 
 
-def make_study(name: str, order: float, **place: str) -> Refinement:
-    errors = tuple(3.0 * step**order for step in STEPS)
-    return Refinement(
-        study=name, steps=STEPS, errors=errors, order=order, expected=order, **place
-    )  # fmt: skip
-
-
 def make_claim(number: int) -> Claim:
     return Claim(
         id=f"C{number}",
@@ -160,10 +141,10 @@ def make_claim(number: int) -> Claim:
 
 def make_curves(
     scenario: afl.Scenario = OWN, controller: str = "fixed", *, fell_at: int | None = None
-) -> Curves:
+) -> tuple[np.ndarray, np.ndarray]:
     step = 1e-3 if scenario.duration <= 2.0 else 1e-2
-    time = step * np.arange(round(scenario.duration / step) + 1)
-    ideal = np.stack(
+    time = step * np.arange(round(scenario.duration / step) + 1)[:fell_at]
+    states = np.stack(
         [
             2.0 * time * np.exp(-2.0 * time),
             -1.047 * np.exp(-3.0 * time),
@@ -172,20 +153,7 @@ def make_curves(
         ],
         axis=1,
     )
-    scale = 1.0 if controller == "fixed" else 0.9
-    shape = np.sin(30.0 * time)[:, None]
-    states = {name: scale * (ideal + apart * shape) for name, apart in APART.items()}
-    states = {k: x if k == "ode" or fell_at is None else x[:fell_at] for k, x in states.items()}
-    force = 58.9 * scale * np.exp(-20.0 * time)
-    return Curves(
-        scenario=scenario.name,
-        controller=controller,
-        time=time,
-        parameters={n: scenario.schedule[n](time) for n in ("cart_mass", "half_length")},
-        push=scenario.pushes(time),
-        states=states,
-        forces={name: force[: len(x)] for name, x in states.items()},
-    )
+    return time, (1.0 if controller == "fixed" else 0.9) * states
 
 
 def film_entry(file: str, **changes: Any) -> Entry:

@@ -37,20 +37,20 @@ _DASHED = (0.0, (6.0, 3.0))
 def heat(
     rows: Sequence[str],
     columns: Sequence[str],
-    grades: NDArray[np.int_],
+    grades: Sequence[Sequence[int]],
     texts: Sequence[Sequence[str]],
     words: Sequence[str],
     shades: Sequence[str] = (*GRADES, IDLE),
 ) -> Figure:
     """Draw a grid of cells, each with a text on the colour of its grade.
 
-    A grade is an index into `words` and `shades`; shape of `grades` and `texts`: (rows, columns).
+    A grade is an index into `words` and `shades`.
     """
     figure = new_figure(max(2.9 + 1.05 * len(columns), 6.0), 1.3 + 0.3 * len(rows))
     axes = figure.subplots()
-    axes.imshow(np.array([to_rgba(shade) for shade in shades])[grades], aspect="auto")
-    for i, j in np.ndindex(*grades.shape):
-        dark = shades[int(grades[i, j])] in (VERMILION, BLUE)
+    axes.imshow(np.array([to_rgba(shade) for shade in shades])[np.array(grades)], aspect="auto")
+    for i, j in np.ndindex(len(rows), len(columns)):
+        dark = shades[grades[i][j]] in (VERMILION, BLUE)
         colour = "#FFFFFF" if dark else BLACK
         axes.text(j, i, texts[i][j], ha="center", va="center", fontsize=8.5, color=colour)
     axes.set_yticks(range(len(rows)), rows)
@@ -64,7 +64,9 @@ def heat(
     for j in range(1, len(columns)):
         axes.axvline(j - 0.5, color="#FFFFFF", linewidth=1.5)
     handles = [
-        Patch(facecolor=shades[k], label=word) for k, word in enumerate(words) if k in grades
+        Patch(facecolor=shades[k], label=word)
+        for k, word in enumerate(words)
+        if any(k in row for row in grades)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
@@ -88,8 +90,12 @@ def dots(
     bounds: tuple[float, float] | None = None,
     line: float | None = None,
     colour_of: Mapping[str, str] | None = None,
+    spread: float = 0.28,
 ) -> Figure:
-    """Draw marks with intervals, a row for each name, over one scale; `line` marks a value."""
+    """Draw marks with intervals, a row for each name, over one scale; `line` marks a value.
+
+    `spread` is the distance of marks of one row, as a share of that of the rows.
+    """
     shades = dict(colour_of or colours(rows))
     figure = new_figure(7.5, 1.3 + 0.5 * len(rows))
     axis = figure.subplots()
@@ -98,7 +104,7 @@ def dots(
     far = [x for row in rows.values() for one in row for x in (one.at, *(one.thin or ()))]
     low, high = bounds or (min(far, default=0.0), max(far, default=1.0))
     for number, (name, row) in enumerate(rows.items()):
-        places = number + 0.28 * (np.arange(len(row)) - 0.5 * (len(row) - 1))
+        places = number + spread * (np.arange(len(row)) - 0.5 * (len(row) - 1))
         for one, place in zip(row, places.tolist(), strict=True):
             _draw_dot(axis, one, place, shades[name], low + 0.78 * (high - low))
     axis.set_yticks(range(len(rows)), list(rows))
@@ -131,16 +137,12 @@ def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -
 class Panel:
     """A panel of curves over time: by name, instants [s] and values; pale ones behind them.
 
-    `over` are dashed over them, what they should be; `limits` are drawn on both sides of `about`,
-    `band` is shaded around it.
+    `limits` are drawn on both sides of `about`, `band` is shaded around it.
     """
 
     label: str
     curves: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
     pale: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
-        default_factory=dict
-    )
-    over: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
         default_factory=dict
     )
     limits: Sequence[float] = ()
@@ -196,13 +198,11 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
         style: dict[str, Any] = {"color": shades.get(name, BLACK), "zorder": order[name]}
         if panel.black:
             style = {"color": BLACK, "linestyle": ("-", ":", "--", "-.")[number % 4]}
-        elif not panel.over:  # dashes are what curves should be
+        else:
             style |= how[name]
         axis.plot(time, values, label=name, **{"linewidth": 1.3, **style})
         if time[-1] < duration - 1e-9 and not panel.black:
             axis.plot(time[-1], values[-1], "x", color=style["color"], markersize=8)
-    for time, values in panel.over.values():
-        axis.plot(time, values, color=BLACK, linewidth=0.8, linestyle=(0.0, (4.0, 3.0)), zorder=3.0)
     for name, (time, values) in panel.pale.items():
         axis.plot(time, values, color=shades[name], linewidth=0.6, alpha=0.4, zorder=1.0)
     if panel.black:

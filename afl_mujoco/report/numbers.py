@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 MISSING = "–"
@@ -56,22 +56,6 @@ def percent(share: float | None, digits: int = 2) -> str:
     if share is None or not math.isfinite(share):
         return MISSING
     return f"{short(100.0 * share, digits)} %"
-
-
-def floor_to(x: float, digits: int = 2) -> float:
-    """Round towards zero to significant digits: the safe side of a level that is tolerated."""
-    return _to(math.floor, x, digits)
-
-
-def ceil_to(x: float, digits: int = 2) -> float:
-    """Round away from zero to significant digits: the safe side of a level that is needed."""
-    return _to(math.ceil, x, digits)
-
-
-def _to(rounded: Callable[[float], int], x: float, digits: int) -> float:
-    """Round to significant digits; a trace of round-off is no reason for another digit."""
-    scale = 10.0 ** (digits - 1 - math.floor(math.log10(abs(x))))
-    return math.copysign(rounded(round(abs(x) * scale, 9)) / scale, x)
 
 
 def interval(ends: Sequence[float]) -> str:

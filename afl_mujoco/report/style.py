@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from colorsys import hsv_to_rgb
 from contextlib import contextmanager
@@ -153,21 +152,6 @@ def quietest_on_top(signals: Mapping[str, NDArray[np.float64]]) -> dict[str, flo
     restless = {name: float(np.nansum(np.abs(np.diff(x)))) for name, x in signals.items()}
     order = sorted(signals, key=lambda name: -restless[name])
     return {name: 2.0 + 0.01 * k for k, name in enumerate(order)}  # 2 is that of lines
-
-
-def in_words(value: float) -> str:
-    """Return a number for use in a sentence, with a few digits and a power of ten if needed."""
-    if value == 0.0:
-        return "0"
-    if 1e-2 <= abs(value) < 999.5:
-        return f"{value:.3g}".replace("-", "−")
-    digits, power = f"{value:.1e}".split("e")
-    return f"{digits} × 10{str(int(power)).translate(SUPERSCRIPTS)}".replace("-", "−")
-
-
-def decade_above(value: float) -> float:
-    """Return the power of ten that a logarithmic axis ends with to show a value."""
-    return float(10.0 ** math.ceil(math.log10(value)))
 
 
 def lay_out(figure: Figure) -> None:

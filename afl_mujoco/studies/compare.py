@@ -19,7 +19,7 @@ from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.blocks import Block, Figure, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
 
 MOST_DRAWS = 1000
+
+Figures = Mapping[str, float | None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,17 +174,6 @@ class Result:
     integrator: str
     film: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        """Raise if the parts contradict each other."""
-        names = {scenario.name for scenario in self.scenarios}
-        if not self.rows or {run.scenario for run in self.rows} != names:
-            raise ValueError("rows must be runs of the scenarios")
-        if len(self.metrics) != len(self.rows):
-            raise ValueError("metrics must be those of the rows")
-        known = {f"{run.scenario}/{run.controller}" for run in self.rows}
-        if unknown := self.curves.keys() - known:
-            raise ValueError(f"curves must be those of the rows, got {min(unknown)!r}")
-
     @property
     def passed(self) -> bool:
         """Whether every run meets every requirement."""
@@ -220,7 +211,7 @@ class Result:
         name = next(iter(by_name)) if scenario is None else scenario
         if name not in by_name:
             raise UnknownNameError.among("scenario", name, by_name)
-        return draw_responses(self, by_name[name])
+        return draw_responses(by_name[name], self.curves_on(by_name[name]))
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""
@@ -230,13 +221,25 @@ class Result:
         """Return who meets the requirements, and how much of each is left, as text."""
         from afl_mujoco.report.terminal import to_text
 
-        return to_text(_told(self))
+        return to_text(self._told)
 
     def _repr_markdown_(self) -> str:
         """Return the same as Markdown, for a notebook."""
         from afl_mujoco.report.markdown import to_markdown
 
-        return to_markdown(_told(self))
+        return to_markdown(self._told)
+
+    @property
+    def _told(self) -> list[Block]:
+        return [block for one in self.scenarios for block in _answer(self, one)]
+
+    def draws_of(self, scenario: Scenario) -> dict[str, list[tuple[Run, Figures]]]:
+        """Return the draws of each controller on a scenario, each with all its figures."""
+        found: dict[str, list[tuple[Run, Figures]]] = {}
+        for run, figures in zip(self.rows, self.metrics, strict=True):
+            if run.scenario == scenario.name:
+                found.setdefault(run.controller, []).append((run, figures))
+        return found
 
     def curves_on(self, scenario: Scenario) -> dict[str, Curves]:
         """Return the curves of a scenario by controller."""
@@ -306,7 +309,7 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
     """Run every controller on every draw of every scenario."""
     scenarios, controllers, deployed, draws, film = request
     rows: list[Run] = []
-    figures: list[Mapping[str, float | None]] = []
+    figures: list[Figures] = []
     remarks: dict[str, tuple[str, ...]] = {}
     curves: dict[str, Curves] = {}
     advance = counted(progress, "simulating", len(scenarios) * len(controllers))
@@ -334,9 +337,7 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
     )
 
 
-def _figures(
-    scenario: Scenario, run: Trajectory | None, controller: Controller
-) -> Mapping[str, float | None]:
+def _figures(scenario: Scenario, run: Trajectory | None, controller: Controller) -> Figures:
     """Return all figures of a run, none if its controller failed."""
     return {} if run is None else metrics(scenario, controller, run)
 
@@ -384,132 +385,102 @@ def _score(draws: Sequence[Run]) -> str:
     return f"{len(run.requirements) - len(run.missed)} of {len(run.requirements)}"
 
 
-def _told(result: Result) -> list[Block]:
-    """Return the requirements by controllers of each scenario, and what is remarked."""
-    blocks: list[Block] = []
-    for scenario in result.scenarios:
-        blocks.append(_matrix(result, scenario))
-        blocks += _remarks(result, scenario)
-    return blocks
-
-
-def _matrix(result: Result, scenario: Scenario) -> Any:
-    """Return the requirements of a scenario by controllers, and what each run needs beside."""
-    cases = grouped([run for run in result.rows if run.scenario == scenario.name])
-    draws = {name: runs for (_, name), runs in cases.items()}
-    return requirements_matrix(scenario, draws, _metrics_on(result, scenario))
-
-
-def _metrics_on(result: Result, scenario: Scenario) -> dict[str, list[Mapping[str, float | None]]]:
-    """Return all figures of the draws of each controller on a scenario."""
-    found: dict[str, list[Mapping[str, float | None]]] = {}
-    for run, figures in zip(result.rows, result.metrics, strict=True):
-        if run.scenario == scenario.name:
-            found.setdefault(run.controller, []).append(figures)
-    return found
-
-
-def _remarks(result: Result, scenario: Scenario) -> list[str]:
-    """Return remarks on the runs of a scenario, and how a controller failed, a line each."""
+def _answer(result: Result, scenario: Scenario) -> list[Block]:
+    """Return requirements by controllers, what each run needs, remarks, and how one failed."""
+    draws = result.draws_of(scenario)
     lines = []
-    for run in result.rows:
-        if run.scenario == scenario.name and run.draw == 0:
-            said = result.remarks.get(f"{run.scenario}/{run.controller}", ())
-            lines += [f"- {plain(f'{run.controller}: {remark}')}" for remark in said]
-            lines += [f"- {plain(f'{run.controller} {run.ending}')}"] if run.message else []
-    return ["\n".join(lines)] if lines else []
+    for name, ((first, _), *_) in draws.items():
+        said = result.remarks.get(f"{scenario.name}/{name}", ())
+        lines += [f"{name}: {remark}" for remark in said]
+        lines += [f"{name} {first.ending}"] if first.message else []
+    return [
+        requirements_matrix(
+            scenario,
+            {name: [run for run, _ in some] for name, some in draws.items()},
+            {name: [figures for _, figures in some] for name, some in draws.items()},
+        ),
+        *(["\n".join(f"- {plain(line)}" for line in lines)] if lines else []),
+    ]
 
 
 def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
     """Return what is shown of a scenario."""
-    facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
-    blocks: list[Block] = [_matrix(result, scenario), *_remarks(result, scenario)]
-    if runs := result.curves_on(scenario):
-        first = [run for run in result.rows if (run.scenario, run.draw) == (scenario.name, 0)]
-        endings = {run.controller: run.ending for run in first}
-        moving = {name: (one.time, one.state) for name, one in runs.items()}
-        blocks.append(replay(f"compare-{number}", scenario, moving, endings))
-        blocks.append(
+    draws, blocks = result.draws_of(scenario), _answer(result, scenario)
+    if curves := result.curves_on(scenario):
+        endings = {name: some[0][0].ending for name, some in draws.items()}
+        moving = {name: (one.time, one.state) for name, one in curves.items()}
+        blocks += [
+            replay(f"compare-{number}", scenario, moving, endings),
             Figure(
                 name=f"compare-{number}",
                 title=f"{scenario.name} over time",
                 caption="Dashed: limits; grey along the curves: bands of rest; grey across: "
                 "disturbances; pale: the command. Of several draws, the first.",
-                draw=partial(draw_responses, result, scenario),
-            )
-        )
-    found = _metrics_on(result, scenario)
-    shown = in_order(name for draws in found.values() for one in draws for name in one)
+                draw=partial(draw_responses, scenario, curves),
+            ),
+        ]
+    figures = {name: [found for _, found in some] for name, some in draws.items()}
+    shown = in_order(name for some in figures.values() for found in some for name in found)
+    facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
     return [
         *blocks,
-        metrics_matrix(found, shown, folded="All metrics", layout=Layout.of(scenario)),
+        metrics_matrix(figures, shown, folded="All metrics", layout=Layout.of(scenario)),
         Section("The scenario", f"compare-{number}-scenario", [facts], folded=True),
     ]
 
 
-def draw_responses(result: Result, scenario: Scenario) -> Any:
+def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
     """Draw coordinates, inputs, signals that are required, and parameters, by controller."""
     from afl_mujoco.report.figures import Panel, curves
 
-    runs, asked, plant = result.curves_on(scenario), scenario.requirements, scenario.plant
+    asked, plant = scenario.requirements, scenario.plant
     rests = asked.settling_time is not None or asked.recover_within is not None
-    instants = np.array(scenario.breakpoints)
-    around = np.concatenate([np.nextafter(instants, 0.0), instants])
-    time = np.unique([*np.linspace(0.0, scenario.duration, 500), *around])
+
+    def panel(name: str, values: Mapping[str, Array], **more: Any) -> Panel:
+        return Panel(
+            label=_label(name, plant),
+            curves={one: (runs[one].time, x) for one, x in values.items()},
+            limits=[asked.max[x] for x in (name, f"{name}_command") if x in asked.max],
+            **more,
+        )
+
     panels = [
-        Panel(
-            label=_axis(name, plant),
-            curves={one: (run.time, run.state[:, k]) for one, run in runs.items()},
-            limits=[asked.max[name]] if name in asked.max else [],
+        panel(
+            name,
+            {one: run.state[:, k] for one, run in runs.items()},
             about=scenario.target[k],
             band=scenario.band(name) if rests else None,
         )
         for k, name in enumerate(plant.coordinates)
     ]
     for k, name in enumerate(plant.inputs):
-        limits = [asked.max[x] for x in (name, f"{name}_command") if x in asked.max]
-        panels.append(
-            Panel(
-                label=_axis(name, plant),
-                curves={one: (run.time, run.of(k, run.force)) for one, run in runs.items()},
-                pale={one: (run.time, run.of(k, run.command)) for one, run in runs.items()
-                      if not np.array_equal(run.of(k, run.command), run.of(k, run.force))},
-                limits=limits,
-            )
-        )  # fmt: skip
+        force = {one: run.of(k, run.force) for one, run in runs.items()}
+        pale = {one: (run.time, command) for one, run in runs.items()
+                if not np.array_equal(command := run.of(k, run.command), force[one])}  # fmt: skip
+        panels.append(panel(name, force, pale=pale))
     for name in [one for one in plant.signals if one in {**asked.max, **asked.min}]:
-        target, most = asked.target.get(name, 0.0), asked.max.get(name)
-        panels.append(
-            Panel(
-                label=name,
-                curves={one: (run.time, run.signals[name]) for one, run in runs.items()},
-                limits=[] if most is None else [most],
-                about=target,
-            )
-        )
+        signal = {one: run.signals[name] for one, run in runs.items()}
+        panels.append(panel(name, signal, about=asked.target.get(name, 0.0)))
     changing = [name for name, (low, high) in scenario.spans.items() if low < high]
     shown = scheduled(plant) if scenario.is_cart_pole else changing
     if shown:
-        table = {_parameter(name, plant): (time, scenario.schedule[name](time)) for name in shown}
+        instants = np.array(scenario.breakpoints)
+        around = np.concatenate([np.nextafter(instants, 0.0), instants])
+        time = np.unique([*np.linspace(0.0, scenario.duration, 500), *around])
+        table = {_label(name, plant): (time, scenario.schedule[name](time)) for name in shown}
         panels.append(Panel(label="plant", curves=table, black=True))
     pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
     return curves(panels, scenario.duration, shaded=pushes)
 
 
-_AXES = {"z": "cart position z", "phi": "pole angle φ", "force": "force F"}
-_SHORT = {"cart_mass": "M", "half_length": "l"}
+_WORDS = {"z": "cart position z", "phi": "pole angle φ", "force": "force F",
+          "cart_mass": "M", "half_length": "l"}  # fmt: skip
 
 
-def _axis(name: str, plant: Plant) -> str:
-    """Return the label of a coordinate or an input."""
-    words = _AXES.get(name, symbol(name)) if plant is CART_POLE else symbol(name)
-    return f"{words} [{unit}]" if (unit := plant.units[name]) else words
-
-
-def _parameter(name: str, plant: Plant) -> str:
-    """Return the label of a parameter."""
-    words = _SHORT.get(name, name) if plant is CART_POLE else name
-    return f"{words} [{plant.units[name]}]"
+def _label(name: str, plant: Plant) -> str:
+    """Return the label of a quantity."""
+    words = _WORDS.get(name, name) if plant is CART_POLE else name
+    return labelled(words, plant.units.get(name, ""))
 
 
 def films(result: Result, command: str) -> list[Film]:

@@ -37,6 +37,7 @@ from typing import Annotated, Any
 import tyro
 
 from afl_mujoco.control.names import KNOWN
+from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Report
 
 Progress = Callable[[str, int, int], None]
@@ -87,6 +88,19 @@ def counted(
         progress(what, next(done), total)
 
     return advance
+
+
+def compute(
+    function: Callable[[Any], Any],
+    units: Sequence[Any],
+    doing: str,
+    progress: Progress,
+    workers: int,
+) -> list[Any]:
+    """Return what a function makes of each unit, shared among processes."""
+    progress(doing, 0, len(units))
+    with open_executor(min(workers, max(1, len(units)))) as executor:
+        return compute_all(function, units, executor, counted(progress, doing, len(units)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

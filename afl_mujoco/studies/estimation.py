@@ -17,8 +17,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
 from afl_mujoco.control.names import SUBJECT
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
-from afl_mujoco.pool import compute_all, open_executor
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
+from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
@@ -27,7 +26,7 @@ from afl_mujoco.scenario.schedules import Schedule
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, counted, silent
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, compute, silent
 from afl_mujoco.studies.run import Deployed, run_kept
 from afl_mujoco.values import require_distinct
 
@@ -46,8 +45,6 @@ METRICS = ("objective", "iae_z", "iae_phi", "max_force")  # metrics that are rep
 
 UNTIL, EVERY = 12.0, 4
 """End of the curves that are kept [s], after which nothing happens; every so many instants."""
-
-DRAWN = ("step-step", "trapezoid-trapezoid")  # schedules that are drawn if they were studied
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -163,10 +160,7 @@ class Result:
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Run every schedule; the result does not depend on the workers."""
     units = [request._replace(scenarios=[scenario]) for scenario in request.scenarios]
-    progress("estimating", 0, len(units))
-    advance = counted(progress, "estimating", len(units))
-    with open_executor(min(workers, len(units))) as executor:
-        cases = compute_all(run_case, units, executor, advance)
+    cases = compute(run_case, units, "estimating", progress, workers)
     return Result(controller=request.controller.name, cases=tuple(cases))
 
 
@@ -318,19 +312,16 @@ def report(result: Result) -> Report:
     )
     if ratios:
         headline += f" · ∫|φ| dt at most {short(max(ratios), 3)} times that with the true M and l"
-    drawn = [case for case in cases if case.scenario in DRAWN] or cases[:1]
-    blocks: list[Block] = [
-        Figure(
-            name="estimation" if number == 0 else f"estimation-{number + 1}",
-            title=f"M and l estimated on {case.scenario}",
-            caption=f"{result.controller} with {1e3 * NOISE.at('noise.z'):g} mm and "
-            f"{1e3 * NOISE.at('noise.phi'):g} mrad of noise on z and φ; beside it, the same "
-            "controller with the true M and l and without noise.",
-            draw=partial(_draw, case.curves),
-        )
-        for number, case in enumerate(drawn)
-    ]
-    return Report(headline=headline, blocks=[*blocks, _loops(result), _tracking(result)])
+    case = cases[0]
+    figure = Figure(
+        name="estimation",
+        title=f"M and l estimated on {case.scenario}",
+        caption=f"{result.controller} with {1e3 * NOISE.at('noise.z'):g} mm and "
+        f"{1e3 * NOISE.at('noise.phi'):g} mrad of noise on z and φ; beside it, the same "
+        "controller with the true M and l and without noise.",
+        draw=partial(_draw, case.curves),
+    )
+    return Report(headline=headline, blocks=[figure, _loops(result)])
 
 
 def _find(case: Case, parameters: str, *, noise: bool) -> Loop:
@@ -363,39 +354,6 @@ def _loops(result: Result) -> Matrix:
             for loop in case.loops
         ],
     )  # fmt: skip
-
-
-def _tracking(result: Result) -> Matrix:
-    """Return the largest errors over the seeds by window of time, and when steps were found."""
-
-    def largest(found: Sequence[Tracking], window: str) -> str:
-        return fixed(max((x for one in found if (x := one.rms[window]) is not None),
-                         default=None), 4)  # fmt: skip
-
-    def medians(found: Sequence[Tracking], name: str) -> str:
-        steps = zip(*(one.steps for one in found), strict=True)
-        late = [
-            [math.inf if (x := getattr(one, name)) is None else x for one in step] for step in steps
-        ]
-        return ", ".join("never" if (x := statistics.median(one)) == math.inf else fixed(x, 2)
-                         for one in late)  # fmt: skip
-
-    return Matrix(
-        folded="Errors of the estimates",
-        caption="Root mean square of ln(estimate / truth), the largest over the seeds, by window; "
-        f"medians of the time after each step to {100.0 * FOUND:g} % [s]",
-        columns=["Scenario", "Of", *WINDOWS, "Found first", "Found for good"],
-        rows=[
-            [
-                case.scenario,
-                symbol,
-                *(largest(found, window) for window in WINDOWS),
-                *(medians(found, name) for name in ("reached_after", "found_after")),
-            ]
-            for case in result.cases
-            for symbol, found in (("M", case.cart_mass), ("l", case.half_length))
-        ],
-    )
 
 
 def _draw(made: dict[str, dict[str, tuple[Array, Array]]]) -> Any:

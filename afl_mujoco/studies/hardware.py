@@ -23,13 +23,13 @@ from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Errors
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
-from afl_mujoco.report.numbers import MISSING, listed, percent, short
+from afl_mujoco.report.numbers import listed, percent, short
 from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import Shown, draw_shown, physical_matrix, shown_of
+from afl_mujoco.studies.identified_parts import Shown, draw_shown, shown_of
 from afl_mujoco.studies.run import run_all
 
 MOST_DRAWS = 100_000
@@ -396,15 +396,6 @@ def outlook(
 
 # --- what is shown ------------------------------------------------------------------------------
 
-NAMES = {
-    "": "identified, in MuJoCo",
-    "pole": "pole alone, given the cart",
-    "nominal": "as its owners give it",
-    "uncoupled": "without coupling",
-    "constant_velocity": "constant velocity",
-}
-"""The models in words."""
-
 
 def report(result: Result) -> Report:
     """Return what is shown of a validation."""
@@ -415,7 +406,7 @@ def report(result: Result) -> Report:
     headline = f"{held} of {len(result.statements)} statements hold on {recordings}"
     headline += f" · not: {', '.join(missed)}" if missed else ""
     headline += f" · not decided: {', '.join(undecided)}" if undecided else ""
-    blocks: list[Block] = _statements(result)
+    blocks: list[Block] = [_statements(result)]
     if result.fitted:
         blocks.append(
             plain(
@@ -423,7 +414,7 @@ def report(result: Result) -> Report:
                 "names of recordings that the estimates were fitted to."
             )
         )
-    blocks += [
+    blocks.append(
         Figure(
             name="hardware-recording",
             title=f"{result.recorded.name}, measured and predicted",
@@ -431,24 +422,15 @@ def report(result: Result) -> Report:
             "recorded command, for half a second from each fitted state. Bands: twice the rms "
             "error of all recordings after that time.",
             draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
-        ),
-        _errors("Whole cart-pole in MuJoCo, from the command alone", result.held_out),
-        _models(result),
-        _terms_matrix(result),
-        *_outlook(result),
-        _errors(
-            "Starts around which no row, and so no command, is missing",
-            result.whole,
-            "Errors without missing rows",
-        ),
-        _errors("The pole alone, given the motion of the cart", result.pole, "The pole alone"),
-        replace(physical_matrix(result.identified), folded="The cart-pole in MuJoCo"),
-    ]
+        )
+    )
+    if result.survival:
+        blocks.append(_outlook(result.survival))
     return Report(headline=headline, passed=result.passed, blocks=blocks)
 
 
-def _statements(result: Result) -> list[Block]:
-    """Return the statements with their verdicts, why one does not hold, and how it is measured."""
+def _statements(result: Result) -> Matrix:
+    """Return the statements with their verdicts, and why one does not hold."""
 
     def shown(one: Judged, value: float | None) -> str:
         share = "share" in one.measure or "relative" in one.measure
@@ -459,118 +441,37 @@ def _statements(result: Result) -> list[Block]:
             return Cell("not decided", "open")
         return Cell("holds", "good") if one.holds else Cell("fails", "bad")
 
-    said = [f"- {plain(f'{one.id}: {one.suspected}')}" for one in result.statements
-            if one.suspected]  # fmt: skip
-    return [
-        Matrix(
-            caption="Statements of the protocol",
-            columns=["Statement", "Measured", "Limit", "Verdict", "What it says"],
-            rows=[
-                [
-                    one.id,
-                    shown(one, one.value),
-                    f"{'≥' if one.at_least else '≤'} {shown(one, one.limit)}",
-                    verdict(one),
-                    one.statement,
-                ]
-                for one in result.statements
-            ],
-        ),
-        *(["\n".join(said)] if said else []),
-        Matrix(
-            caption="What is measured, and the reason for each limit",
-            folded="Measures and limits",
-            columns=["Statement", "Measure", "Reason for the limit"],
-            rows=[[one.id, one.measure, one.reason] for one in result.statements],
-        ),
-    ]
-
-
-def _errors(caption: str, errors: Sequence[Errors], folded: str = "") -> Matrix:
     return Matrix(
-        caption=caption,
-        folded=folded,
-        columns=[
-            "Horizon [s]", "φ [mrad]", "counts", "explained [%]", "z [mm]", "z counts",
-            "z explained [%]", "Starts",
-        ],
+        caption="Statements of the protocol",
+        columns=["Statement", "Measured", "Limit", "Verdict", "What it says", "Suspected"],
         rows=[
             [
-                short(one.horizon),
-                short(1e3 * one.rms_phi, 3),
-                short(one.counts_phi, 3),
-                _share(one.explained_phi),
-                short(one.rms_z and 1e3 * one.rms_z, 3),
-                short(one.counts_z, 3),
-                _share(one.explained_z),
-                str(one.starts),
+                one.id,
+                shown(one, one.value),
+                f"{'≥' if one.at_least else '≤'} {shown(one, one.limit)}",
+                verdict(one),
+                one.statement,
+                one.suspected,
             ]
-            for one in errors
-        ],
-    )  # fmt: skip
-
-
-def _share(value: float | None) -> str:
-    """Return a share of variance in percent; one below zero explains nothing."""
-    return MISSING if value is None else "< 0" if value < 0.0 else short(100.0 * value, 4)
-
-
-def _models(result: Result) -> Matrix:
-    found = {"": result.held_out, "pole": result.pole, **result.baselines}
-    return Matrix(
-        caption="rms error of φ [mrad], z [mm], after a time",
-        columns=["Model", *(f"{short(one.horizon)} s" for one in result.held_out)],
-        rows=[
-            [
-                NAMES[key],
-                *(
-                    f"{short(1e3 * one.rms_phi, 3)}, {short(one.rms_z and 1e3 * one.rms_z, 3)}"
-                    for one in errors
-                ),
-            ]
-            for key, errors in found.items()
+            for one in result.statements
         ],
     )
 
 
-def _terms_matrix(result: Result) -> Matrix:
-    return Matrix(
-        caption="Term by term, estimated again from these recordings alone",
-        columns=["Term", "Unit", "Estimate", "95 % interval", "Expected", "Off [%]"],
-        rows=[
-            [
-                one.title,
-                one.unit,
-                short(one.value),
-                f"{short(one.low)} to {short(one.high)}",
-                short(one.expected),
-                short(one.expected and 100.0 * (one.value / one.expected - 1), 2),
-            ]
-            for one in result.terms.values()
-        ],
-    )
-
-
-def _outlook(result: Result) -> list[Block]:
+def _outlook(found: Sequence[Survival]) -> Matrix:
     """Return what controllers would do on that cart-pole."""
-    found = result.survival
-    if not found:
-        known = certain(result.identified)
-        return [] if known else ["The estimates are too uncertain to try controllers on it."]
     rows = [
         [what, *(f"{math.degrees(one.angles[what]):.0f}°" for one in found)]
         for what in found[0].angles
     ]
     drawn = f"drawn from the estimates, from within {math.degrees(TILT):.1f}°"
     rows.append([drawn, *(f"{one.survived} of {one.runs}" for one in found)])
-    return [
-        Matrix(
-            caption="Largest starting angle from which a controller, as deployed on this "
-            "cart-pole, ends upright and never reaches the end of its rail",
-            columns=["Cart-pole", *(one.controller for one in found)],
-            rows=rows,
-        )
-    ]
+    return Matrix(
+        caption="Largest starting angle from which a controller, as deployed on this "
+        "cart-pole, ends upright and never reaches the end of its rail",
+        columns=["Cart-pole", *(one.controller for one in found)],
+        rows=rows,
+    )
 
 
 STUDY = Study(

@@ -1,4 +1,4 @@
-"""Parts shared by studies of measured cart-poles: tables of estimates, a log beside the model."""
+"""A log of a measured cart-pole beside the model, for the studies that show one."""
 
 from __future__ import annotations
 
@@ -9,12 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.identify import Identified
-from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Starts
-from afl_mujoco.report.blocks import Matrix
-from afl_mujoco.report.numbers import short
 from afl_mujoco.studies.arrays import Array
 
 Values = NDArray[np.float64]
@@ -60,43 +56,6 @@ def shown_of(
         simulated_z=read[part, 0, rows],
         simulated_phi=scale * read[part, 1, rows] + offset + turn * w.turns[part, rows],
     )
-
-
-def estimates_matrix(caption: str, estimates: Sequence[Estimate]) -> Matrix:
-    """Return estimates with their intervals; the harmonics of the linearity are left out."""
-    return Matrix(
-        caption=caption,
-        columns=["Parameter", "Unit", "Estimate", "95 % interval"],
-        rows=[
-            [one.title, one.unit, short(one.value), _interval(one)]
-            for one in estimates
-            if not one.name.startswith(("sin_", "cos_"))
-        ],
-    )
-
-
-def physical_matrix(identified: Identified) -> Matrix:
-    """Return masses, forces and frictions beside the values that the owners give."""
-    n = identified.description.nominal
-    given = {
-        "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
-        "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
-    }  # fmt: skip
-    return Matrix(
-        caption=f"For a pole of {short(n.pole_mass)} kg; motion alone does not determine it",
-        columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
-        rows=[
-            [one.title, one.unit, short(given.get(one.name)), short(one.value), _interval(one)]
-            for one in identified.physical
-        ],
-    )
-
-
-def _interval(estimate: Estimate) -> str:
-    """Return the interval of an estimate, if it has one."""
-    if estimate.on_bound:
-        return "on its bound"
-    return f"{short(estimate.low)} to {short(estimate.high)}"
 
 
 def draw_log(

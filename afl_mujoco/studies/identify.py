@@ -8,26 +8,21 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-import numpy as np
 import tyro
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import remove_file, require_no_folder, write_json
 from afl_mujoco.identification.description import Description
-from afl_mujoco.identification.identify import WINDOW, Identified
+from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS
 from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.pole import linearity
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
-from afl_mujoco.report.markdown import code
-from afl_mujoco.report.numbers import fixed, percent, short
+from afl_mujoco.report.numbers import percent, short
 from afl_mujoco.studies.contract import Progress, Study, silent
 from afl_mujoco.studies.identified_parts import (
     AHEAD,
     Shown,
     draw_shown,
-    estimates_matrix,
-    physical_matrix,
     shown_of,
 )
 
@@ -127,64 +122,37 @@ def report(result: Result) -> Report:
                 draw=partial(draw_shown, result.shown),
             )
         )
-    blocks.append(estimates_matrix("The pole and the sensors", one.pole.estimates))
+    blocks.append(_estimates(one))
     if one.drive is None:
         blocks.append("The command is constant in every log: cart and drive cannot be identified.")
-    else:
-        blocks += [estimates_matrix("Cart and drive", one.drive.estimates), physical_matrix(one)]
-    blocks += [_fit(one), _correlations(one)]
-    if one.drive is not None:
-        blocks.append(
-            f"{code(f'afl-mujoco compare {SCENARIO} --controllers lqr adaptive')} runs controllers "
-            f"on it; {code('afl-mujoco hardware --estimates')} reads {code(ESTIMATES)}."
-        )
     return Report(headline=headline, blocks=blocks)
 
 
-def _fit(one: Identified) -> Matrix:
-    """Return what was fitted to what, and how well."""
-    count = one.description.angle_count
-    few = len(one.logs) < FEW_CLUSTERS
-    rows = [
-        ["Logs", str(len(one.logs))],
-        ["Their duration [s]", short(one.seconds, 3)],
-        ["Period of their rows [ms]", short(1e3 * one.period)],
-        [f"Windows of at most {short(WINDOW)} s", str(one.pole.windows)],
-        ["Share of the duration in windows", percent(one.share, 3)],
-        ["Stretches between lost rows that are in none", str(one.dropped)],
-        ["Taken as independent", "windows: too few logs, so too narrow" if few else "logs"],
-        ["Residual of φ, pole alone [mrad]", short(1e3 * one.pole.scatter_phi, 3)],
-    ]
-    if count:
-        rows.append(["The same in counts", short(one.pole.scatter_phi / count, 2)])
-    if one.drive is not None:
-        rows += [
-            ["Residual of φ, whole cart-pole [mrad]", short(1e3 * one.drive.scatter_phi, 3)],
-            ["Residual of z, whole cart-pole [mm]", short(1e3 * (one.drive.scatter_z or 0.0), 2)],
-        ]
-    if "sin_1" in one.values:
-        off = linearity(one.values, np.linspace(-np.pi, np.pi, 1000))
-        most = float(np.abs(off - off.mean()).max())
-        rows.append(["Angle off a straight line, at most [mrad]", short(1e3 * most, 2)])
-    return Matrix(caption="What was fitted", columns=["Quantity", "Value"], rows=rows)
-
-
-def _correlations(one: Identified) -> Matrix:
-    """Return the estimates that are known better in combination than individually."""
-    titles = {x.name: x.title for step in one.steps for x in step.estimates}
-    pairs = [
-        pair
-        for step in one.steps
-        for pair in step.alike
-        if not any(name.startswith(("sin_", "cos_")) for name in pair[:2])  # of its linearity
-    ]
+def _estimates(one: Identified) -> Matrix:
+    """Return estimates and what they come to, beside the values that the owners give."""
+    n = one.description.nominal
+    given = {
+        "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
+        "rail_damping": n.rail_damping, "hinge_damping": n.hinge_damping,
+    }  # fmt: skip
+    few = "; the intervals are too narrow: too few logs" * (len(one.logs) < FEW_CLUSTERS)
+    found = [x for step in one.steps for x in step.estimates]
     return Matrix(
-        folded="Correlated estimates",
-        caption="Estimates that are known better in combination than individually",
-        columns=["One", "Other", "Correlation"],
-        rows=[[titles[a], titles[b], fixed(r, 2)]
-              for a, b, r in sorted(pairs, key=lambda pair: -abs(pair[2]))],
-    )  # fmt: skip
+        caption=f"From {len(one.logs)} logs, {percent(one.share, 3)} of their "
+        f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
+        columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
+        rows=[
+            [
+                x.title,
+                x.unit,
+                short(given.get(x.name)),
+                short(x.value),
+                "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}",
+            ]
+            for x in (*found, *one.physical)
+            if not x.name.startswith(("sin_", "cos_"))  # harmonics of the linearity
+        ],
+    )
 
 
 def require_files(folder: Path) -> None:

@@ -15,7 +15,6 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import INFORMED
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count
-from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
@@ -30,7 +29,7 @@ from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
 from afl_mujoco.studies.bisection import find_threshold, scan_levels
-from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, counted, silent
+from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, compute, silent
 from afl_mujoco.studies.loop_margins import (
     LINEAR,
     STEP,
@@ -41,6 +40,7 @@ from afl_mujoco.studies.loop_margins import (
     loop_margins,
     require_rest,
 )
+from afl_mujoco.studies.tables import later
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
@@ -279,9 +279,11 @@ class Result:
 
 
 def value_of(row: Row, metric: str) -> float:
-    """Return a margin, infinite where no change destabilises the loop."""
-    found = getattr(row, metric)
-    return math.inf if found is None else float(found)
+    """Return a margin, where there is none the most benign value."""
+    found: float | None = getattr(row, metric)
+    if found is None:
+        return -math.inf if metric in GROWS_WORSE else math.inf
+    return found
 
 
 # --- margins of the linearised loops ------------------------------------------------------------
@@ -294,7 +296,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
     points = [p for one in r.controllers if one.name not in not_linear for p in r.points(one)]
     rows: list[Row] = []
-    found = _computed(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
+    found = compute(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
     for point, some in zip(points, found, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear.setdefault(point.controller.name, str(some))
@@ -305,7 +307,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         for one in sorted(r.controllers, key=lambda one: one.name in not_linear)
         for plant in r.measured
     ]
-    measured = _computed(measure, units, "measuring", progress, workers) if units else []
+    measured = compute(measure, units, "measuring", progress, workers)
     for (point, *_), some in zip(units, measured, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear[point.controller.name] = str(some)
@@ -325,16 +327,6 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         rows=tuple(x for x in rows if x.loop == MEASURED or x.controller not in not_linear),
         not_linear=not_linear,
     )
-
-
-def _computed(
-    function: Callable[[Any], Any], units: Sequence[Any], doing: str, progress: Progress,
-    workers: int,
-) -> list[Any]:  # fmt: skip
-    """Return what a function finds of units, shared among processes."""
-    progress(doing, 0, len(units))
-    with open_executor(min(workers, max(1, len(units)))) as executor:
-        return compute_all(function, units, executor, counted(progress, doing, len(units)))
 
 
 def why_not_linear(controller: Controller) -> str | None:
@@ -583,22 +575,21 @@ def report(result: Result) -> Report:
                 f"that a linear loop cannot have: {left}."
             )
         )
-    measured = [row for row in r.rows if row.loop == MEASURED]
     if r.rows:
-        blocks.append(
+        plants, cells = _delays(r)
+        grades, texts = ([[one[k] for one in row] for row in cells.values()] for k in (0, 1))
+        blocks += [
             Figure(
                 name="margins-delay",
                 title=f"Delay margin [ms], {held}",
                 caption="On the plants at the ends of the ranges, and a middle.",
-                draw=partial(_draw, r),
-            )
-        )
-        blocks.append(_worst_matrix(r, held))
+                draw=later("heat", [*cells], plants, grades, texts, GRADES),
+            ),
+            _table(r, held),
+        ]
     if r.not_linear:
         reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())
         blocks.append("\n".join(f"- {reason}" for reason in reasons))
-    if any(row.controller in r.controllers for row in measured):
-        blocks.append(_measured_matrix(r, measured))
     said = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
     return Report(headline=f"Least delay margin: {' · '.join(said)}", blocks=blocks)
 
@@ -608,22 +599,20 @@ def _said(result: Result, name: str) -> str:
     rows = result.of(name, HELD if name in result.controllers else MEASURED)
     if not rows:
         return "has none"
-    if unstable := [row for row in rows if not row.stable]:
-        count = len(result.inputs)
-        return f"unstable on {len(unstable) // count} of {_plants(len(rows) // count)}"
-    return f"{_ms(min(rows, key=lambda row: value_of(row, 'delay')))} ms"
+    if unstable := sum(not row.stable for row in rows):
+        count, of = unstable // len(result.inputs), len(rows) // len(result.inputs)
+        return f"unstable on {count} of {of} plant{'s' * (of != 1)}"
+    return f"{_text(min(rows, key=lambda row: value_of(row, 'delay')))} ms"
 
 
-def _ms(row: Row) -> str:
-    """Return the delay that a loop tolerates [ms]."""
-    if row.loop == MEASURED and not row.delay:
-        return f"> {1e3 * DELAYS[-1]:g}" if row.delay is None else f"< {1e3 * DELAYS[0]:g}"
-    return "∞" if row.delay is None else fixed(1e3 * row.delay, 1)
-
-
-def _plants(count: int) -> str:
-    """Return a number of plants in words."""
-    return f"{count} plant{'s' * (count != 1)}"
+def _text(row: Row, metric: str = "delay", decimals: int = 1, factor: float = 1e3) -> str:
+    """Return a margin; of a small motion that it is beyond all that was tried."""
+    value: float | None = getattr(row, metric)
+    if row.loop == MEASURED and not value:
+        delay = f"> {1e3 * DELAYS[-1]:g}" if value is None else f"< {1e3 * DELAYS[0]:g}"
+        beyond = {"gain_decrease": f"< {1 / GAINS[-1]:.2g}", "gain_increase": f"> {GAINS[-1]:g}"}
+        return {**beyond, "delay": delay}.get(metric, MISSING)
+    return "∞" if value is None else fixed(factor * value, decimals)
 
 
 def _place(result: Result, parameters: Mapping[str, float], between: str = ", ") -> str:
@@ -631,10 +620,8 @@ def _place(result: Result, parameters: Mapping[str, float], between: str = ", ")
     return between.join(f"{x:.3g} {result.units[name]}" for name, x in parameters.items())
 
 
-def _draw(result: Result) -> Any:
-    """Draw the delay margins of controllers on the plants that were measured, or on the ends."""
-    from afl_mujoco.report.figures import heat
-
+def _delays(result: Result) -> tuple[list[str], dict[str, list[tuple[int, str]]]]:
+    """Return the plants that were measured, or the ends, and graded delay margins on them."""
     rows = [row for row in result.rows if row.loop == MEASURED]
     rows = rows or [row for row in result.rows if row.loop == HELD]
     plants = list({tuple(row.parameters.items()): None for row in rows})
@@ -647,10 +634,7 @@ def _draw(result: Result) -> Any:
             known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
             label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
             cells[label] = [_graded(known.get(plant)) for plant in plants]
-    grades = np.array([[grade for grade, _ in row] for row in cells.values()])
-    texts = [[text for _, text in row] for row in cells.values()]
-    columns = [_place(result, dict(plant), "\n") for plant in plants]
-    return heat([*cells], columns, grades, texts, GRADES)
+    return [_place(result, dict(plant), "\n") for plant in plants], cells
 
 
 def _graded(row: Row | None) -> tuple[int, str]:
@@ -659,88 +643,47 @@ def _graded(row: Row | None) -> tuple[int, str]:
         return 4, MISSING
     if not row.stable:
         return 0, "unstable"
-    return 1 + sum(value_of(row, "delay") >= least for least in (SHORT, LONG)), _ms(row)
+    return 1 + sum(value_of(row, "delay") >= least for least in (SHORT, LONG)), _text(row)
 
 
-def _worst_matrix(result: Result, held: str) -> Matrix:
-    """Return the worst margins of each controller, continuous, held and measured."""
+def _table(result: Result, held: str) -> Matrix:
+    """Return the worst margins of each loop, and how far the measured delays are from them."""
     r, several = result, len(result.inputs) > 1
     shown = [(name, kind) for name in r.controllers for kind in (CONTINUOUS, HELD)]
     shown += [(name, MEASURED) for name in r.not_linear]
     rows: list[list[Cell | str]] = []
     for (name, kind), one in itertools.product(shown, r.inputs):
         some = r.of(name, kind, one)
-        unstable, stable = [row for row in some if not row.stable], [x for x in some if x.stable]
-        cells = [_worst_cell(r, name, kind, one, *column) for column in SHOWN]
-        count = str(len(unstable)) if kind != MEASURED else f"{len(unstable)} of {len(some)}"
-        least = r.worst(name, kind, "delay", one)
-        rows.append(
-            [
-                name,
-                *([one] if several else []),
-                kind,
-                Cell(count if some else MISSING, "bad" if unstable else ""),
-                *(cells if stable else [MISSING] * len(SHOWN)),
-                *(["" if least is None else _place(r, least.parameters)] if r.units else []),
-            ]
-        )
+        unstable = sum(not row.stable for row in some)
+        worst = [r.worst(name, kind, metric, one) for _, metric, *_ in SHOWN]
+        cells = [
+            MISSING if row is None else _text(row, metric, decimals, factor)
+            for row, (_, metric, decimals, factor) in zip(worst, SHOWN, strict=True)
+        ]
+        place = "" if worst[-1] is None else _place(r, worst[-1].parameters)
+        count = Cell(f"{unstable} of {len(some)}" if some else MISSING, "bad" if unstable else "")
+        measured = _measured(r, name, one) if kind == HELD else MISSING
+        rows.append([name, *[one] * several, kind, count, *cells, place, measured])
     return Matrix(
-        caption=f"Worst margins over {_plants(r.plants)}, {held}, and where the delay margin is "
-        f"least{f'; measured: by motions of {short(1e3 * START)} mrad' if r.not_linear else ''}",
+        caption=f"Worst margins over {r.plants} plants, {held}, where the delay margin is least, "
+        f"and how far from it the delay is from which a motion of {short(1e3 * START)} mrad grows "
+        "in MuJoCo",
         columns=[
             *("Controller", "Input")[: 1 + several], "Loop", "Unstable",
-            *(name for name, *_ in SHOWN), *([f"At {', '.join(r.units)}"] if r.units else []),
+            *(name for name, *_ in SHOWN), f"At {', '.join(r.units)}".strip(), "Measured",
         ],
         rows=rows,
     )  # fmt: skip
 
 
-def _worst_cell(
-    result: Result, name: str, kind: str, one: str, title: str, metric: str, decimals: int,
-    factor: float,
-) -> str:  # fmt: skip
-    """Return the worst value of a margin."""
-    worst = result.worst(name, kind, metric, one)
-    value = math.nan if worst is None else value_of(worst, metric)
-    if kind == MEASURED and metric in ("phase", "disk"):
-        return MISSING
-    if kind == MEASURED and worst is not None:
-        if metric == "delay":
-            return _ms(worst)
-        some = [x for x in result.of(name, kind, one) if x.stable]
-        known = [x for row in some if (x := getattr(row, metric)) is not None]
-        if not known:
-            return f"> {GAINS[-1]:g}" if metric == "gain_increase" else f"< {1 / GAINS[-1]:.2g}"
-        value = max(known) if metric in GROWS_WORSE else min(known)
-    return "∞" if math.isinf(value) else fixed(factor * value, decimals)
-
-
-def _measured_matrix(result: Result, measured: Sequence[Row]) -> Matrix:
-    """Return the delay margins on some plants, and how far the measured delays are from them."""
-    cells: dict[str, dict[str, Cell | str]] = {}
-    names = []
-    for row in measured:
-        if row.controller not in result.controllers:
-            continue
-        name = row.controller if len(result.inputs) == 1 else f"{row.controller}, {row.input}"
-        names.append(name)
-        found = result.of(row.controller, HELD, row.input)
-        linear = next(one for one in found if one.parameters == row.parameters)
-        text = _ms(linear) if linear.stable else "unstable"
-        if (away := difference(linear, row)) is not None:
-            text += f" ({'+' if away > 0 else ''}{percent(away, 2)})"
-        elif not agree(linear, row):
-            text += f" ({fixed(1e3 * row.delay, 1) if row.delay else MISSING})"
-        cell = Cell(text, "" if agree(linear, row) else "bad")
-        cells.setdefault(_place(result, row.parameters), {})[name] = cell
-    names = list(dict.fromkeys(names))
-    return Matrix(
-        caption=f"Delay margin [ms], and how far from it the delay is from which a motion of "
-        f"{short(1e3 * START)} mrad grows in MuJoCo",
-        columns=[", ".join(result.units), *names],
-        rows=[[plant, *(row.get(name, MISSING) for name in names)] for plant, row in cells.items()],
-        folded="Margins and delays measured in MuJoCo",
-    )
+def _measured(result: Result, name: str, one: str) -> Cell:
+    """Return the largest difference of the delays measured on some plants from the margins."""
+    linear = {str(row.parameters): row for row in result.of(name, HELD, one)}
+    pairs = [(linear[str(row.parameters)], row) for row in result.of(name, MEASURED, one)]
+    away = [x for pair in pairs if (x := difference(*pair)) is not None]
+    most = max(away, key=abs, default=None)
+    text = MISSING if most is None else f"{'+' * (most > 0.0)}{percent(most, 2)}"
+    return Cell(text, "" if all(agree(*pair) for pair in pairs) else "bad")
 
 
 def difference(linear: Row, measured: Row) -> float | None:

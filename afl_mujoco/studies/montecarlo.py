@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import REFERENCE, SUBJECT, subject_of
@@ -23,7 +21,7 @@ from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.ranges import FIXED
-from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -58,11 +56,6 @@ FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for eac
 
 FILES = {HARDEST: "hardest.toml", NEAREST: "nearest-failure.toml"}
 """Names of the scenario files of what a search found."""
-
-QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles of the least margin that are shown
-
-PANELS, BINS, FEWEST = 6, 5, 5
-"""Most coordinates that the figure of failures shows, bins of each, and fewest runs of a kind."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,28 +153,6 @@ def prepare(options: Options) -> Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Found:
-    """What a search found for one controller: its run, where in the cube, in which file."""
-
-    controller: str
-    question: str
-    run: Rows  # one
-    point: tuple[float, ...]
-    distance: float
-    tried: int
-    file: str
-
-    @property
-    def worst(self) -> Worst:
-        """The same as the search returned it."""
-        (run,) = self.run
-        return Worst(
-            question=self.question, run=run, point=self.point, distance=self.distance,
-            tried=self.tried,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
     """Every controller on the same samples, and the worst that a search found."""
 
@@ -193,7 +164,7 @@ class Result:
     asked: Mapping[str, str]  # by controller, the name by which it was asked for
     # by controller, shares of the runs that pass and that settle, with exact 95 % intervals
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
-    worst_cases: tuple[Found, ...] = ()  # none if nothing was searched
+    worst_cases: tuple[Worst, ...] = ()  # none if nothing was searched
     assumed: bool = False  # whether the scenario does not say what varies
     film: bool = False  # whether the hardest samples are to be filmed
 
@@ -238,7 +209,7 @@ def run(
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
     space, controllers, _, _, samples, seed, deployed, budget, *_ = request
-    total, worst = samples * len(controllers), list[Found]()
+    total, worst = samples * len(controllers), list[Worst]()
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
         runs = sample(
@@ -258,20 +229,16 @@ def run(
                     one, space, runs[one.name], seed, budget, deployed, executor, advance
                 )
                 worst += [
-                    Found(
-                        controller=one.name, question=each.question, run=(each.run,),
-                        point=each.point, distance=each.distance, tried=each.tried,
-                        file=f"{FOLDER}/{one.name}/{FILES[each.question]}",
-                    )
+                    replace(each, file=f"{FOLDER}/{one.name}/{FILES[each.question]}")
                     for each in found
-                ]  # fmt: skip
+                ]
         except KeyboardInterrupt:
             done = f"{total} samples, {len(worst)} searches"
             raise Interrupted(_result(request, runs, worst), done) from None
     return _result(request, runs, worst)
 
 
-def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Found]) -> Result:
+def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Worst]) -> Result:
     return Result(
         seed=request.seed,
         integrator=request.deployed.integrator,
@@ -320,29 +287,9 @@ def report(result: Result) -> Report:
         ),
         _rates(result),
     ]
-    if any(run.margin is not None for run in result.rows):
-        blocks.append(
-            Figure(
-                name="montecarlo-margins",
-                title="By how much the requirements are met",
-                caption="Least margin of each run: median, middle half, 5 to 95 %. Larger is "
-                "better; left of 0 a requirement is missed.",
-                draw=partial(_draw_margins, result),
-            )
-        )
-    if separating(result):
-        blocks.append(
-            Figure(
-                name="montecarlo-failures",
-                title="Where the failures lie",
-                caption="Share of failures over the coordinates that separate them best, chosen "
-                f"on the same samples: a hint where to look. {BINS} bins of equal counts.",
-                draw=partial(_draw_failures, result),
-            )
-        )
     if result.worst_cases:
         blocks.append(_worst_cases(result))
-    blocks += [_space(result), *_messages(result), *_replays(result)]
+    blocks += [*_messages(result), *_replays(result)]
     headline = f"{result.samples} samples of {name}: {'; '.join(said)}."
     return Report(headline=headline, blocks=blocks)
 
@@ -355,16 +302,13 @@ def _rates(result: Result) -> Matrix:
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
         margins = [run.margin for run in some if run.margin is not None]
-        ends = [percent(float(x)) for x in np.quantile(margins, QUANTILES)] if margins else []
         passes, settles = (result.rates[name][key] for key in ("passes", "settles"))
         rows.append(
             [
                 name,
                 f"{percent(passes[0], 3)} ({interval(passes[1:])})",
                 f"{percent(settles[0], 3)} ({interval(settles[1:])})",
-                ends[len(ends) // 2] if ends else MISSING,
-                f"{ends[0]} to {ends[-1]}" if ends else MISSING,
-                str(len(some) - len(margins)),
+                percent(median(margins)) if margins else MISSING,
                 "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING,
             ]
         )
@@ -377,11 +321,14 @@ def _rates(result: Result) -> Matrix:
         caption=f"Seed {result.seed}, with 95 % intervals"
         + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
         columns=[
-            "Controller", "Passes [%]", "Settles [%]", "Median margin", "5 to 95 %",
-            "Without margin", "How it fails",
+            "Controller",
+            "Passes [%]",
+            "Settles [%]",
+            "Median margin",
+            "How it fails",
         ],
         rows=rows,
-    )  # fmt: skip
+    )
 
 
 def _draw_rates(result: Result) -> Any:
@@ -398,72 +345,6 @@ def _draw_rates(result: Result) -> Any:
         for name, rates in result.rates.items()
     }
     return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
-
-
-def _draw_margins(result: Result) -> Any:
-    """Draw quantiles of the least margin of each controller's runs."""
-    from afl_mujoco.report.figures import Dot, dots
-
-    rows: dict[str, list[Dot]] = {}
-    for name, runs in result.runs.items():
-        margins = [100.0 * run.margin for run in runs if run.margin is not None]
-        rows[name] = []
-        if margins:
-            a, b, middle, c, d = np.quantile(margins, QUANTILES).tolist()
-            rows[name].append(Dot(at=middle, thin=(a, d), thick=(b, c)))
-    return dots(rows, "least margin [% of the limit]; larger is better", line=0.0)
-
-
-def separating(result: Result) -> dict[str, NDArray[np.float64]]:
-    """Return the coordinates that separate failures from the rest best, each of shape (samples,).
-
-    They are ranked by the largest gap between the two distribution functions (the statistic of
-    Kolmogorov and Smirnov), the largest over the controllers.
-    """
-    from scipy.stats import ks_2samp
-
-    failed = [np.array([bool(run.failure) for run in runs]) for runs in result.runs.values()]
-    ranked = [bad for bad in failed if FEWEST <= int(bad.sum()) <= len(bad) - FEWEST]
-    if not ranked:
-        return {}
-    space = result.space
-    points = np.array([sample_point(space, i, result.seed) for i in range(result.samples)])
-    named = dict(zip(space.coordinates, points.T, strict=True))
-
-    def gap(x: NDArray[np.float64]) -> float:
-        return max(float(ks_2samp(x[bad], x[~bad]).statistic) for bad in ranked)
-
-    return dict(sorted(named.items(), key=lambda item: -gap(item[1]))[:PANELS])
-
-
-def _draw_failures(result: Result) -> Any:
-    """Draw the failure rate of each controller over the coordinates that separate best."""
-    from afl_mujoco.report.style import colours, new_figure
-
-    chosen = separating(result)
-    columns = min(3, len(chosen))
-    figure = new_figure(max(3.5 * columns, 5.0), 0.6 + 2.7 * -(-len(chosen) // columns))
-    panels = figure.subplots(-(-len(chosen) // columns), columns, sharey=True, squeeze=False)
-    shades = colours(result.runs)
-    for axis, (name, x) in zip(panels.flat, chosen.items(), strict=False):
-        low, high = result.space.varied.get(name.split(" ")[0], (0.0, 1.0))
-        low, high = (0.0, 1.0) if "instant" in name or "shape" in name else (low, high)
-        bins = np.array_split(np.argsort(x, kind="stable"), BINS)
-        at = np.array([low + (high - low) * float(np.median(x[part])) for part in bins])
-        for controller, runs in result.runs.items():
-            rates = [rate([bool(runs[i].failure) for i in part.tolist()]) for part in bins]
-            shares, lows, highs = 100.0 * np.array(rates).T
-            axis.errorbar(
-                at, shares, yerr=[shares - lows, highs - shares], color=shades[controller],
-                marker="o", markersize=5.0, linewidth=1.2, capsize=2.5, label=controller,
-            )  # fmt: skip
-        axis.set_xlabel(name)
-    for axis in panels.flat[len(chosen) :]:
-        axis.set_axis_off()
-    for axis in panels[:, 0]:
-        axis.set_ylabel("failures [% of the samples]")
-    figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
-    return figure
 
 
 def _worst_cases(result: Result) -> Matrix:
@@ -492,25 +373,9 @@ def _worst_cases(result: Result) -> Matrix:
     )
 
 
-def _space(result: Result) -> Matrix:
-    """Return the ranges that samples are drawn from."""
-    rows: list[list[Cell | str]] = []
-    for name, unit, value in result.space.quantities():
-        low, high = value if isinstance(value, tuple) else (value, value)
-        rows.append([name, unit, short(low), short(high)])
-    return Matrix(
-        folded="Ranges of the random hardware",
-        caption="What varies between samples, drawn uniformly",
-        columns=["Quantity", "Unit", "Least", "Largest"],
-        rows=rows,
-    )
-
-
 def _messages(result: Result) -> Iterator[str]:
-    """Say which controllers pass no sample, and the first error of each that raised one."""
+    """Say the first error of each controller that raised one."""
     for name, runs in result.runs.items():
-        if all(run.failure for run in runs):
-            yield f"{name} passes no sample, so no harder one is searched for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
 
@@ -561,7 +426,7 @@ def write_files(result: Result, folder: Path) -> list[Path]:
         for name in result.asked
         for run in result.failures(name)
     }
-    scenarios |= {one.file: worst_scenario(space, one.worst, seed) for one in result.worst_cases}
+    scenarios |= {one.file: worst_scenario(space, one, seed) for one in result.worst_cases}
     replays = {
         name: Replay(controller=asked, integrator=result.integrator, timestep=result.timestep)
         for name, asked in result.asked.items()
@@ -595,7 +460,7 @@ def films(result: Result, command: str) -> list[Film]:
     deployment = Deployment(timestep=result.timestep, integrator=result.integrator)
     return [
         side_by_side(
-            worst_scenario(result.space, one.worst, result.seed),
+            worst_scenario(result.space, one, result.seed),
             [find_controller(result.asked[one.controller])],
             deployment,
             command=command,

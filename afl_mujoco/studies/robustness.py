@@ -31,7 +31,7 @@ from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, 
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.run import Deployed, Run, run_all
+from afl_mujoco.studies.run import Deployed, Rows, Run, run_all
 from afl_mujoco.values import require_distinct
 
 Scenarios = tuple[Scenario, ...]
@@ -81,31 +81,6 @@ KNOWN: Mapping[str, Imperfection] = MappingProxyType(
 """All that can be swept of a cart-pole, by name."""
 
 
-FORMER: Mapping[str, str] = MappingProxyType(
-    {
-        "control-period": "control_period",
-        "actuator-lag": "lag",
-        "force-limit": "input_limit",
-        "slew-rate": "slew_rate",
-        "encoder": "encoder_step",
-        "rail-damping": "damping.z",
-        "hinge-damping": "damping.phi",
-        "rail-friction": "dry_friction.z",
-        "rail-armature": "armature.z",
-        "hinge-armature": "armature.phi",
-        "tip-mass": "tip_mass_share",
-        "pole-radius": "pole_radius",
-        "parameter-delay": "parameter_delay",
-        "mass-over": "cart_mass_error+",
-        "mass-under": "cart_mass_error-",
-        "length-over": "half_length_error+",
-        "length-under": "half_length_error-",
-        "rail": "end_stops.z",
-    }
-)
-"""What was spelled otherwise before it had the key of the scenario file, and its key."""
-
-
 def known_of(plant: Plant) -> Mapping[str, Imperfection]:
     """Return all that can be swept of a plant, by name."""
     own = imperfections_of(plant)
@@ -115,8 +90,6 @@ def known_of(plant: Plant) -> Mapping[str, Imperfection]:
 def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
     """Return an imperfection of a plant by its name."""
     known = known_of(plant)
-    if FORMER.get(name) in known:
-        raise InvalidValueError(f"imperfection {name}", f"is now spelled {FORMER[name]}")
     if name not in known:
         raise UnknownNameError.among("imperfection", name, known)
     return known[name]
@@ -389,11 +362,13 @@ def sample(
 class Worst:
     """What a search found for one controller."""
 
+    controller: str
     question: str  # HARDEST or NEAREST
-    run: Run  # its draw is the number of the sample whose noise it has
+    run: Rows  # one; its draw is the number of the sample whose noise it has
     point: tuple[float, ...]  # in the cube
     distance: float  # from the scenario itself, as a share of the cube's diagonal
     tried: int  # runs that the search took
+    file: str = ""  # its scenario file beside the result
 
 
 def search_worst(
@@ -438,10 +413,14 @@ def search_worst(
             return [cost(question, x, run) for x, run in zip(points, found, strict=True)]
 
         point, tried = minimise(costs, start, STEP[question], rng, budget)
-        (run,) = at([point], noise)
-        found = tuple(point.tolist())
-        away = distance_of(space, point)
-        return Worst(question=question, run=run, point=found, distance=away, tried=tried)
+        return Worst(
+            controller=controller.name,
+            question=question,
+            run=tuple(at([point], noise)),
+            point=tuple(point.tolist()),
+            distance=distance_of(space, point),
+            tried=tried,
+        )
 
     if all(run.failure for run in runs):
         return []
@@ -449,7 +428,7 @@ def search_worst(
     worst = int(np.argmax([run.severity(space.scenario) for run in runs]))
     hardest = search(HARDEST, points[worst], worst)
     known = [(points[i], i) for i, run in enumerate(runs) if run.failure]
-    known += [(np.array(hardest.point), hardest.run.draw)] if hardest.run.failure else []
+    known += [(np.array(hardest.point), run.draw) for run in hardest.run if run.failure]
     if not known:
         return [hardest]
     return [hardest, search(NEAREST, *min(known, key=lambda one: distance_of(space, one[0])))]
@@ -457,7 +436,7 @@ def search_worst(
 
 def worst_scenario(space: SampleSpace, worst: Worst, seed: int) -> Scenario:
     """Return the scenario that a search found."""
-    scenario = space.scenario_of(worst.point, worst.run.draw, seed)
+    scenario = space.scenario_of(worst.point, worst.run[0].draw, seed)
     return replace(scenario, name=f"{scenario.name}-{worst.question}")
 
 

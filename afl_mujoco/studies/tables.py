@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from statistics import median
 from typing import Any
 
-from afl_mujoco.report.blocks import Cell, Matrix, Replay, Status
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Status
 from afl_mujoco.report.numbers import MISSING, percent, short
 from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
@@ -97,6 +97,50 @@ def titled(metric: str, layout: Layout = LAYOUT) -> str:
     """Return a metric with its unit."""
     unit = unit_of(metric, layout)
     return f"{label_of(metric)} [{unit}]" if unit else label_of(metric)
+
+
+Graded = Mapping[str, Sequence[tuple[int, str]]]
+"""Rows of cells, each a grade and a text, by the label of the row."""
+
+MARKED: Mapping[int, Status] = {0: "bad", 1: "neutral"}
+"""Status of the cells of the worst grades."""
+
+
+def graded(
+    name: str, title: str, caption: str, columns: Sequence[str], cells: Graded, words: Sequence[str]
+) -> list[Block]:
+    """Return cells as a figure in the colours of their grades, and as a table.
+
+    A grade is an index into `words`, worst first; the first column names the rows.
+    """
+    grades = [[grade for grade, _ in row] for row in cells.values()]
+    texts = [[text for _, text in row] for row in cells.values()]
+    return [
+        Figure(
+            name=name,
+            title=title,
+            caption=caption,
+            draw=later("heat", [*cells], columns[1:], grades, texts, words),
+        ),
+        Matrix(
+            caption=f"{title}. {caption}",
+            columns=columns,
+            rows=[[label, *(Cell(text, MARKED.get(grade, "")) for grade, text in row)]
+                  for label, row in cells.items()],
+        ),
+    ]  # fmt: skip
+
+
+def later(figure: str, *arguments: Any, **options: Any) -> Callable[[], Any]:
+    """Return what draws a figure of `report.figures`, which is imported no earlier."""
+    return partial(_draw, figure, arguments, options)
+
+
+def _draw(figure: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
+    """Draw a figure of `report.figures`."""
+    from afl_mujoco.report import figures
+
+    return getattr(figures, figure)(*arguments, **options)
 
 
 Figures = Mapping[str, Sequence[Mapping[str, float | None]]]

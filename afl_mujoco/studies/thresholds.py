@@ -4,25 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-import numpy as np
 import tyro
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT, subject_of
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import compute_all, open_executor
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Status
-from afl_mujoco.report.numbers import MISSING, fixed, listed, percent, short
+from afl_mujoco.report.blocks import Block, Report
+from afl_mujoco.report.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
-from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -50,7 +45,7 @@ from afl_mujoco.studies.robustness import (
     times_reference,
 )
 from afl_mujoco.studies.run import Rows, Run
-from afl_mujoco.studies.tables import how
+from afl_mujoco.studies.tables import graded, how
 from afl_mujoco.values import require_distinct
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
@@ -66,9 +61,6 @@ GRADES = (
 """Grades of a threshold, by how it compares with the reference hardware."""
 
 FAILS, LITTLE, SOME, MUCH, IDLE = range(5)
-
-MARKS: tuple[Status, ...] = ("bad", "neutral", "", "", "")
-"""Status of a cell of each grade."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,40 +323,20 @@ def report(result: Result) -> Report:
     if failing:
         blocks.append(f"With nothing added: {'; '.join(_fails(result, name) for name in failing)}.")
     if names:
-        grades = np.array(
-            [[grade_of(result, one, result.sweep(one.name, c)) for c in names]
-             for one in result.imperfections]
-        )  # fmt: skip
-        texts = [[_text(result, one, result.sweep(one.name, c)) for c in names]
-                 for one in result.imperfections]  # fmt: skip
-        labels = [_label(result, one) for one in result.imperfections]
-        found = percent(result.settings.tolerance, 3)
-        blocks += [
-            Figure(
-                name="thresholds",
-                title=f"Level at which each controller fails on {on}",
-                caption=f"Found to {found}. ~: does not settle on the reference hardware.",
-                draw=partial(_draw, labels, names, grades, texts),
-            ),
-            Matrix(
-                caption=f"Level at which each controller fails on {on}, found to {found}",
-                columns=["Imperfection", *names],
-                rows=[
-                    [label, *(Cell(t, MARKS[g]) for t, g in zip(row, kinds, strict=True))]
-                    for label, row, kinds in zip(labels, texts, grades.tolist(), strict=True)
-                ],
-            ),
-            _details(result, names),
-        ]
+        cells = {
+            _label(result, one): [_cell(result, one, name) for name in names]
+            for one in result.imperfections
+        }
+        blocks += graded(
+            "thresholds",
+            f"Level at which each controller fails on {on}",
+            f"Found to {percent(result.settings.tolerance, 3)}. ~: does not settle on the "
+            "reference hardware.",
+            ["Imperfection", *names],
+            cells,
+            GRADES,
+        )
     return Report(headline=headline, blocks=blocks)
-
-
-def _draw(*arguments: Any) -> Any:
-    """Draw the grid of thresholds."""
-    from afl_mujoco.report.figures import heat
-
-    labels, names, grades, texts = arguments
-    return heat(labels, names, grades, texts, GRADES)
 
 
 def _headline(result: Result, names: Sequence[str]) -> str:
@@ -403,74 +375,14 @@ def _label(result: Result, one: Imperfection) -> str:
     return f"{one.title} ({level_text(one, one.reference)} {one.unit}{kind})"
 
 
-def _text(result: Result, one: Imperfection, found: Sweep) -> str:
-    """Return a threshold as a cell has it."""
+def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
+    """Return the grade and the text of a threshold."""
+    found = result.sweep(one.name, name)
     if not found.applies:
-        return MISSING
+        return IDLE, MISSING
     reference = result.runs(found.reference)
     unsettled = survived(reference) and not all_settled(reference, result.scenarios)
-    return threshold_text(one, found.survives) + " ~" * unsettled
-
-
-def _details(result: Result, names: Sequence[str]) -> Matrix:
-    """Return what each controller needs, with nothing added and at the reference; how it fails."""
-    plant = result.scenarios[0].plant
-    needs = _needs(plant)
-
-    def most(runs: Sequence[Run], name: str, decimals: int) -> str:
-        values = [run.metrics[name] for run in runs]
-        return fixed(None if None in values else max(x for x in values if x is not None), decimals)
-
-    def row(title: str, at: str, controller: str, fails: str, settles: str, runs: Sequence[Run],
-            failure: Sequence[Run]) -> list[Cell | str]:  # fmt: skip
-        first = next((one for one in failure if one.failure), None)
-        word = how(first.failure) if first else MISSING
-        when = f" at {fixed(first.time, 2)} s" if first and first.failure == first.outcome else ""
-        shown = [most(runs, name, decimals) for name, _, decimals in needs]
-        return [title, controller, at, fails, settles, *shown, word + when]
-
-    rows = [
-        row("nothing added", MISSING, name, MISSING, MISSING, result.runs(result.bare[name]), ())
-        for name in names
-    ]
-    for one in result.imperfections:
-        for found in (result.sweep(one.name, name) for name in names):
-            if found.applies:
-                rows.append(
-                    row(
-                        one.title,
-                        f"{level_text(one, one.reference)} {one.unit}",
-                        found.controller,
-                        threshold_text(one, found.survives),
-                        threshold_text(one, found.settles),
-                        result.runs(found.reference),
-                        result.runs(found.failure),
-                    )
-                )
-    return Matrix(
-        folded="Every imperfection and controller: thresholds, and what the runs needed",
-        caption="With the reference hardware: the largest of what runs need; how they fail",
-        columns=[
-            "Imperfection", "Controller", "Reference", "Fails at", "Unsettled at",
-            *(title for _, title, _ in needs), "How it fails",
-        ],
-        rows=rows,
-    )  # fmt: skip
-
-
-def _needs(plant: Plant) -> list[tuple[str, str, int]]:
-    """Return metrics of what runs need of their hardware, with titles and decimals."""
-    first, units = plant.coordinates[0], plant.units
-    found = [(f"peak_{first}", f"|{symbol(first)}| [{units[first]}]", 2)]
-    decimals = 0 if plant is CART_POLE else 2
-    for name in plant.inputs:
-        command, exerted, *_ = effort_names(plant.inputs, name)
-        unit = f" [{units[name]}]" if units[name] else ""
-        own = "" if len(plant.inputs) == 1 else f" {name}"
-        exerts = "|F|" if name == "force" else f"|{name}|"
-        found += [(command, f"Command{own}{unit}", decimals)]
-        found += [(exerted, f"{exerts} exerted{unit}", decimals)]
-    return found
+    return grade_of(result, one, found), threshold_text(one, found.survives) + " ~" * unsettled
 
 
 STUDY = Study(

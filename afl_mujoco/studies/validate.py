@@ -13,13 +13,13 @@ from xml.etree import ElementTree
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.files import require_no_folder, write_text
-from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.catalogue import SCENARIOS, is_published
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.cases import (
     DECISIVE,
     DEPLOYED,
@@ -31,7 +31,7 @@ from afl_mujoco.studies.cases import (
     reported_runs,
     require_runnable,
 )
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, counted, silent
+from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, compute, silent
 from afl_mujoco.studies.run import Rows, run_of
 from afl_mujoco.studies.run import Run as Row
 from afl_mujoco.studies.tables import asked, how
@@ -39,27 +39,22 @@ from afl_mujoco.studies.verify import any_plant
 from afl_mujoco.studies.verify.checks import (
     closed_loop_checks,
     equation_checks,
-    free_swings,
     reference_checks,
 )
 from afl_mujoco.studies.verify.claims import (
-    DECISIONS,
     Claim,
     Comparison,
     decidable,
     judge_claims,
     shipped,
 )
-from afl_mujoco.studies.verify.convergence import Refinement
 from afl_mujoco.studies.verify.criteria import Check
-from afl_mujoco.studies.verify.curves import Curves, select_curves
 from afl_mujoco.studies.verify.explanation import (
     ErrorBudget,
-    Growth,
     Judged,
-    Ledger,
     Omission,
     explain,
+    moving,
     plateau_check,
 )
 from afl_mujoco.studies.verify.report import report as report
@@ -138,16 +133,12 @@ class Result:
         The paper's claims C1 to C12; empty unless all runs that they need were made.
     random_schedules
         Adaptive against fixed gains over random schedules, published and retuned: behind C9.
-    error_budgets, ledgers, omissions, studies
-        What explains the cases; all but the budgets are empty unless the verification was full.
-    decisions
-        Decisions taken where the paper is silent, by id.
+    error_budgets, omissions
+        Why the codes differ, and what the paper's frozen M and l leave out if it was asked in full.
     settings, scenarios
         What was run.
-    growths
-        Of another plant: how far the codes are apart over a whole run, which is not judged.
     curves
-        Every case over time, by ``scenario/controller``, where the plant has equations.
+        Every case as deployed, by ``scenario/controller``: some instants [s], and states.
     """
 
     verdict: Literal["pass", "fail"]
@@ -157,14 +148,10 @@ class Result:
     claims: tuple[Claim, ...] = ()
     random_schedules: Mapping[str, Comparison] = field(default_factory=dict)
     error_budgets: tuple[ErrorBudget, ...] = ()
-    ledgers: tuple[Ledger, ...] = ()
     omissions: tuple[Omission, ...] = ()
-    studies: tuple[Refinement, ...] = ()
-    decisions: Mapping[str, str] = field(default_factory=lambda: dict(DECISIONS))
     settings: Settings = field(default_factory=Settings)
     scenarios: tuple[Scenario, ...]
-    growths: tuple[Growth, ...] = ()
-    curves: Mapping[str, Curves]
+    curves: Mapping[str, tuple[Array, Array]]
 
     def __post_init__(self) -> None:
         """Raise if the parts contradict each other."""
@@ -182,7 +169,7 @@ class Result:
         for case, simulators in simulated.items():
             if sorted(simulators) != sorted(shown):
                 raise ValueError(f"runs must hold each simulator once, {'/'.join(case)} does not")
-            if self.of_paper and "/".join(case) not in self.curves:
+            if "/".join(case) not in self.curves:
                 raise ValueError(f"curves must hold {'/'.join(case)}, a run's")
         if {scenario.name for scenario in self.scenarios} != {name for name, _ in simulated}:
             raise ValueError("scenarios must be those of the runs")
@@ -216,10 +203,6 @@ class Result:
         """The checks that do not hold."""
         return [check for check in self.checks if not check.passed]
 
-    def curves_on(self, scenario: Scenario) -> list[Curves]:
-        """Return the curves of a scenario under each controller."""
-        return [one for one in self.curves.values() if one.scenario == scenario.name]
-
 
 def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> Result:
     """Judge every scenario with every controller; the result does not depend on the workers."""
@@ -234,11 +217,8 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
     )
     whole, of_case = len(parts), judge if paper else any_plant.judge
     parts += [partial(of_case, (s, c, settings)) for s in scenarios for c in controllers]
-    progress("checking", 0, len(parts))
-    with open_executor(min(workers, len(parts))) as executor:
-        done = compute_all(call, parts, executor, counted(progress, "checking", len(parts)))
-    checks = [check for found, _ in done[:whole] for check in found]
-    studies = [study for _, found in done[:whole] for study in found]
+    done = compute(call, parts, "checking", progress, workers)
+    checks = [check for found in done[:whole] for check in found]
     judged: list[Judged] = done[whole:]
     runs = tuple(run for case in judged for run in case.runs)
     if paper:
@@ -252,10 +232,8 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
     known = shipped() if claimed else None
     for case in judged:
         checks += [*case.checks, *case.explanation.checks]
-        studies += case.explanation.studies
     rows = tuple(case.row for case in judged)
     explained = [case.explanation for case in judged]
-    drawn = [case.curves for case in judged if case.curves]
     return Result(
         verdict=verdict_of(checks, rows),
         checks=tuple(checks),
@@ -264,24 +242,17 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
         claims=judge_claims(decisive, known) if known else (),
         random_schedules=known.random_schedules if known else {},
         error_budgets=tuple(e.budget for e in explained if e.budget),
-        ledgers=tuple(e.ledger for e in explained if e.ledger),
         omissions=tuple(e.omission for e in explained if e.omission),
-        growths=tuple(e.growth for e in explained if e.growth),
-        studies=tuple(studies),
-        decisions=DECISIONS if paper else {},
         settings=settings,
         scenarios=tuple(scenarios),
-        curves={f"{one.scenario}/{one.controller}": one for one in drawn},
+        curves={f"{case.row.scenario}/{case.row.controller}": case.moving for case in judged},
     )
 
 
-def _of_equations(full: bool) -> tuple[list[Check], list[Refinement]]:
-    """Return the checks that need no case, and the refinement studies among them."""
-    checks = list(equation_checks())
-    if not full:
-        return checks, []
-    swings = free_swings()
-    return [*checks, *reference_checks(swings), plateau_check()], list(swings)
+def _of_equations(full: bool) -> list[Check]:
+    """Return the checks that need no case."""
+    more = (*reference_checks(), plateau_check()) if full else ()
+    return [*equation_checks(), *more]
 
 
 def judge(case: Case) -> Judged:
@@ -293,13 +264,12 @@ def judge(case: Case) -> Judged:
     ideal = scenario.ideal
     runs = closed_loop_runs(ideal, controller, settings)
     deployed = runs[DEPLOYED] if scenario == ideal else simulate_mujoco(scenario, controller)
-    shown = {name: runs[name] for name in REPORTED}
     return Judged(
         closed_loop_checks(ideal, controller, runs),
         reported_runs(ideal, controller, runs),
         run_of(scenario, controller, deployed),
         explain(ideal, controller, runs, full=settings.full),
-        select_curves(ideal, controller.name, shown, settings.timestep),
+        moving(runs[DEPLOYED]),
     )
 
 

@@ -161,7 +161,7 @@ def test_validate_writes_a_report_that_passes(folder: Path) -> None:
     texts = {"report.json", "report.md", "report.npz", "junit.xml", "report.html"}
     figures = {name for name in written if name.endswith((".svg", ".png", ".replay.json"))}
     assert written == texts | figures
-    assert "report-runs-1.svg" in figures
+    assert "report-runs-1.replay.json" in figures
     assert report["command"] == "afl-mujoco validate short.toml"
     page = (folder / "out" / "report.html").read_bytes()
     result = run("report", "out", cwd=folder)

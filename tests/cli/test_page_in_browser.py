@@ -169,7 +169,7 @@ def test_every_image_loads(opened: webdriver.Chrome) -> None:
         "[...document.images].every(i => i.complete) && "
         "[...document.images].map(i => [i.alt, i.naturalWidth, i.naturalHeight])",
     )
-    assert len(images) == 13  # of every study
+    assert len(images) == 9  # of every study
     assert all(alt and width > 100 and height > 100 for alt, width, height in images)
 
 

@@ -12,7 +12,7 @@ import jinja2
 import pytest
 
 from docs import make_results
-from docs.content import DOCS, FIGURES, PAGES, README, Content, rewrite, shown_in
+from docs.content import DOCS, FIGURES, PAGES, README, Content, ceil_to, floor_to, rewrite, shown_in
 from docs.sources import SOURCES
 
 CONTENT = Content()
@@ -104,3 +104,8 @@ def test_round_off_may_be_ten_times_larger_but_not_a_billion_times() -> None:
 def test_a_page_without_its_marks_is_refused() -> None:
     with pytest.raises(ValueError, match="must hold the marks of findings"):
         rewrite("<!-- findings -->\nall of the rest\n", "findings", "text")
+
+
+def test_numbers_are_rounded_to_the_safe_side() -> None:
+    assert [floor_to(x) for x in (42.99, 7.3, 0.0419)] == [42.0, 7.3, 0.041]
+    assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from afl_mujoco.report.numbers import ceil_to, floor_to, limit, scientific, short
+from afl_mujoco.report.numbers import limit, scientific, short
 
 
 @pytest.mark.parametrize(
@@ -39,8 +39,3 @@ def test_short_numbers_are_plain_where_that_is_short(value: float | None, text: 
 )  # fmt: skip
 def test_a_limit_that_is_a_power_of_ten_is_written_as_one(value: float, text: str) -> None:
     assert limit(value) == text
-
-
-def test_numbers_are_rounded_to_the_safe_side() -> None:
-    assert [floor_to(x) for x in (42.99, 7.3, 0.0419)] == [42.0, 7.3, 0.041]
-    assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]

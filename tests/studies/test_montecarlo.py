@@ -32,7 +32,6 @@ from afl_mujoco.studies.montecarlo import (
     report,
     require_files,
     run,
-    separating,
     write_files,
 )
 from afl_mujoco.studies.run import run_all
@@ -106,14 +105,6 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy: Result, tmp
         (again,) = run_all(afl.CONTROLLERS[one.controller], [load_scenario(file)])
         assert replace(again, draw=one.draw) == one
         assert find_replay(str(file)) == Replay(controller=one.controller, integrator="RK4")
-
-
-def test_a_study_finds_the_coordinate_that_decides() -> None:
-    wide = replace(HEAVY, ranges=Ranges(varied={"phi": (0.0, 0.6), "delay": (0.0, 0.002)}))
-    found = run(asked(samples=40, space=SampleSpace(wide)))
-    assert next(iter(separating(found))) == "phi"
-    names = [block.name for block in report(found).blocks if hasattr(block, "draw")]
-    assert names == ["montecarlo-rates", "montecarlo-margins", "montecarlo-failures"]
 
 
 # Controllers that break down

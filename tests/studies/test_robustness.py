@@ -101,15 +101,15 @@ def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
     reported: list[int] = []
     hardest, nearest = searched(runs, progress=reported.append)
     assert (hardest.question, nearest.question) == (HARDEST, NEAREST)
-    assert hardest.run.severity(SPACE.scenario) >= max(r.severity(SPACE.scenario) for r in runs)
+    assert hardest.run[0].severity(SPACE.scenario) >= max(r.severity(SPACE.scenario) for r in runs)
     failures = [distance_of(SPACE, sample_point(SPACE, r.draw, 1)) for r in runs if r.failure]
     assert nearest.distance <= min(failures)
-    assert nearest.run.failure
+    assert nearest.run[0].failure
     assert reported[-1] == hardest.tried + nearest.tried <= 2 * SMALL.points
     for found in (hardest, nearest):
         scenario = worst_scenario(SPACE, found, 1)
         (alone,) = run_all(LQR, [scenario])
-        assert replace(alone, scenario="", draw=0) == replace(found.run, scenario="", draw=0)
+        assert replace(alone, scenario="", draw=0) == replace(found.run[0], scenario="", draw=0)
         changes = np.abs(list(changes_of(SPACE, found.point).values()))
         assert (np.diff(changes) <= 0.0).all()
         assert np.linalg.norm(changes) / np.sqrt(SPACE.dimension) == pytest.approx(found.distance)
@@ -122,7 +122,7 @@ def test_the_nearest_failure_is_searched_from_the_nearest_known(runs, monkeypatc
     best = min(distances, key=lambda i: distances[i])
     assert best != min(distances), "the first failure must not be the nearest one too"
     _, nearest = searched(runs)
-    assert (nearest.run.draw, nearest.distance) == (best, distances[best])
+    assert (nearest.run[0].draw, nearest.distance) == (best, distances[best])
 
 
 def test_what_changes_no_scenario_is_no_distance() -> None:
@@ -141,7 +141,9 @@ def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
     one, two = (searched(found, SHORT, budget, EULER, workers) for workers in (1, 2))
     assert one == two
     hardest, nearest = one
-    assert hardest.run.failure and nearest.run.failure and nearest.distance <= hardest.distance
+    assert (
+        hardest.run[0].failure and nearest.run[0].failure and nearest.distance <= hardest.distance
+    )
 
 
 def test_a_map_of_starts_is_of_single_runs() -> None:

@@ -25,7 +25,7 @@ from afl_mujoco.studies.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, junit, report, run, verdict_of
 from afl_mujoco.studies.verify.criteria import CRITERIA
 from tests.study_results import record
-from tests.verification_result import OWN, make_result
+from tests.verification_result import make_result
 
 BY_DEFAULT = ("A1", "A2", "A3", "A7", "A7z", "A5", "B1", "B2", "B2b", "B3", "B5")
 SHORT = dataclasses.replace(
@@ -62,10 +62,13 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Resu
         ("adaptive", ""),
     ]
     assert list(short.curves) == ["short/fixed", "short/adaptive"]
-    for one in short.curves.values():
-        assert tuple(one.states) == tuple(one.forces) == REPORTED
+    for name, (time, states) in short.curves.items():
+        run = afl.simulate_mujoco(SHORT, name.split("/")[1])
+        kept = np.searchsorted(run.time, time - 1e-9)
+        np.testing.assert_array_equal(states, run.state[kept])
+        assert time[0] == 0.0 and time[-1] == run.time[-1] and np.diff(time).max() < 0.021
     assert short.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
-    assert short.studies == short.ledgers == short.omissions == short.claims == ()
+    assert short.omissions == short.claims == ()
 
 
 @pytest.mark.slow
@@ -132,9 +135,6 @@ def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
     )
     said = replace(result, runs=runs)
     assert "4 of 4 cases did not complete" in report(said).headline
-    ends = {(row[2].text, row[2].status, row[3].text, row[3].status)
-            for row in matrix(said, "How each case ended")}  # fmt: skip
-    assert ends == {("completed", "", "fell at t = 1 s", "bad")}
 
 
 def test_a_requirement_that_is_missed_fails_and_is_shown() -> None:
@@ -164,8 +164,6 @@ def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -
         criterion = CRITERIA[row[0].text]
         wanted = (criterion.reason, criterion.proves, criterion.leaves_open)
         assert tuple(cell.text for cell in row[1:]) == wanted
-    cases = matrix(result, "every judged value")
-    assert len(cases) == 4 and cases[0][-2] == Cell("3.4×10⁻⁷", "bad")
     assert matrix(make_result(b3=None), "at its worst")[5][2] == Cell("none", "bad")
 
 
@@ -178,27 +176,21 @@ def test_the_claims_stand_with_both_numbers_in_their_unit_and_the_verdict() -> N
     assert (rows[1][1].text, rows[4][2].text) == ("–", "–")
 
 
+def test_the_claims_in_percent_are_drawn_from_the_paper_to_here() -> None:
+    (figure,) = figures_of(report(make_result()).blocks)
+    (axis,) = figure.draw().axes
+    labels = [label.get_text() for label in axis.get_yticklabels()]
+    assert labels[2] == "C3: 38.0 % in the paper, 15.4 % here" and len(labels) == 12
+    ends = [line.get_xdata() for line in axis.lines if len(line.get_xdata()) == 2]
+    assert (15.36, 38.03) in [tuple(one) for one in ends]
+    bar = [tuple(one) for one in ends if 47.25 in one]
+    assert bar == [pytest.approx((47.25, 53.54))]
+
+
 def test_the_budget_is_of_the_worst_run_and_adds_up() -> None:
     rows = {row[0].text: row for row in matrix(make_result(), "as deployed minus the equations")}
     assert rows["inputs held"][1].text.startswith("−1.4×10⁻²")
     assert rows["total"][2].text == "1.4×10⁻²"
-
-
-# What is drawn
-
-
-def test_runs_are_drawn_as_deployed_with_the_equations_dashed_over_them() -> None:
-    result = make_result([OWN])
-    (figure, *_) = figures_of(report(result).blocks)
-    angle = figure.draw().axes[1]
-    assert angle.get_ylabel() == "φ [rad]"
-    assert [line.is_dashed() for line in angle.lines] == [False, False, True, True]
-    curves = result.curves_on(OWN) * 2
-    runs = ["mujoco sampled"] * 2 + ["ode"] * 2
-    for line, one, name in zip(angle.lines, curves, runs, strict=True):
-        np.testing.assert_array_equal(line.get_ydata(), one.states[name][:, 1])
-    fallen = figures_of(report(make_result([OWN], fell_at=300)).blocks)[0].draw()
-    assert max(fallen.axes[1].lines[0].get_xdata()) <= 0.299
 
 
 # Its files

@@ -24,26 +24,24 @@ from afl_mujoco.simulation.ode import Loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import held_steps, simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.cases import DEPLOYED, REPORTED, Case, reported_runs
+from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
 from afl_mujoco.studies.run import run_of
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
-    Refinement,
     Study,
     last_state,
     sampled_study,
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
-from afl_mujoco.studies.verify.curves import select_curves
 from afl_mujoco.studies.verify.explanation import (
     Explanation,
-    Growth,
     Judged,
     budget_curves,
     error_budget,
+    moving,
 )
 
 Floats = NDArray[np.float64]
@@ -72,14 +70,10 @@ FINE = (2.5e-4, 1.25e-4)
 STILL = 1e-9
 """Largest error of a run in which so little happens that there is no order to be seen."""
 
-NUDGE = 1e-7
-"""Change of the initial state whose growth is shown."""
-
-
 # --- the plant ------------------------------------------------------------------------------------
 
 
-def of_plant(scenario: Scenario) -> tuple[list[Check], list[Refinement]]:
+def of_plant(scenario: Scenario) -> list[Check]:
     """Return the checks that need no controller, at the scenario's parameters and beyond."""
     plant = scenario.plant
     box = {}
@@ -98,12 +92,9 @@ def of_plant(scenario: Scenario) -> tuple[list[Check], list[Refinement]]:
     values = {"A1c": float(len(failed))} | ({"A3n": sum(stale)} if stale else {})
     study, lost = free_motion(scenario)
     values["A6f"] = lost
-    studies = []
     if len(study.steps) >= 3:
-        studies = [Refinement.of(study, study="free motion RK4", expected=4.0)]
-        values["A4f"] = studies[0].deviation
-    checks += [CRITERIA[id].judge(values[id]) for id in CRITERIA if id in values]
-    return checks, studies
+        values["A4f"] = study.deviation(4.0)
+    return [*checks, *(CRITERIA[id].judge(values[id]) for id in CRITERIA if id in values)]
 
 
 def _taken(id: str, row: Found, headline: str) -> Check:
@@ -177,29 +168,23 @@ def judge(case: Case) -> Judged:
     values = {
         "A10r": float(_differ(exact, simulated("exact")) + _differ(sampled, simulated("sampled")))
     }
-    growth = None
     if scenario.plant.has_equations:
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled)
         values["B1r"] = restarted_difference(ideal, loop, exact)
-        growth = growth_of(ideal, loop, runs["ode"], exact)
-    studies: tuple[Refinement, ...] = ()
     part = studied(ideal)
     reference = simulate_mujoco(part, loop, "exact", timestep=STEPS[0])
     if all(run.outcome.kind == COMPLETED for run in (*runs.values(), reference)):
         hold, _ = sampled_study(part, loop, reference, FINE)
         if max(hold.errors) > STILL:
-            names = {"scenario": scenario.name, "controller": controller.name}
-            studies = (Refinement.of(hold, study="sampled", expected=1.0, **names),)
-            values["B4f"] = studies[0].deviation
+            values["B4f"] = hold.deviation(1.0)
     budget = None
-    if settings.full and growth is not None and not _rates_act(ideal):
+    if settings.full and scenario.plant.has_equations and not _rates_act(ideal):
         step = sampled.provenance["settings"]["timestep"]
         twin = simulate_ode_held(ideal, loop, timestep=step, control_period=period, substeps=2)
         whole = {name: runs[name] for name in ("ode", "mujoco exact", DEPLOYED)}
         if curves := budget_curves(ideal, loop, {**whole, "ode held": twin}, substeps=1):
             budget = error_budget(ideal, loop, sampled.time, curves)
-    shown = {name: runs[name] for name in REPORTED if name in runs}
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))
@@ -207,8 +192,8 @@ def judge(case: Case) -> Judged:
         judged(values, scenario.name, controller.name),
         reported_runs(ideal, loop, runs),
         run_of(scenario, controller, deployed),
-        Explanation(studies=studies, growth=growth, budget=budget),
-        select_curves(ideal, controller.name, shown, h) if scenario.plant.has_equations else None,
+        Explanation(budget=budget),
+        moving(sampled),
     )
 
 
@@ -228,25 +213,6 @@ def _distance(one: Floats, other: Floats) -> float:
     """Return the largest difference of any state at the instants that both runs reached."""
     count = min(len(one), len(other))
     return float(np.abs(one[:count] - other[:count]).max())
-
-
-def growth_of(
-    scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory
-) -> Growth:
-    """Return how far the codes are apart over the whole run, and how much a difference grows."""
-    start = np.array(scenario.initial_state)
-    moved = replace(scenario, initial_state=tuple((start + NUDGE).tolist()))
-    nudged = simulate_mujoco(moved, controller, "exact", timestep=float(exact.time[1]))
-
-    def apart(run: Trajectory) -> float | None:
-        alike = run.outcome.kind == exact.outcome.kind and len(run.time) == len(exact.time)
-        return _distance(run.state, exact.state) if alike else None
-
-    grown = apart(nudged)
-    return Growth(
-        scenario=scenario.name, controller=controller.name, difference=apart(ode),
-        amplification=None if grown is None else grown / NUDGE,
-    )  # fmt: skip
 
 
 def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,7 +20,6 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.studies.verify.criteria import ANY
 
 STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
 """Steps of the closed-loop studies [s]."""
@@ -53,35 +51,10 @@ class Study:
         """
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Refinement:
-    """A study for the report, with what was studied."""
-
-    scenario: str = ANY
-    controller: str = ANY
-    study: str
-    steps: tuple[float, ...]
-    errors: tuple[float | None, ...]  # None where it is not finite
-    order: float | None  # None if the errors have no slope
-    expected: float
-
-    @property
-    def deviation(self) -> float:
-        """How far the order is from the one expected; NaN without an order."""
-        return math.nan if self.order is None else abs(self.order - self.expected)
-
-    @classmethod
-    def of(cls, found: Study, **what: Any) -> Refinement:
-        """Return a study for the report; arguments as the other fields."""
-        errors = found.errors
-        sloped = all(math.isfinite(error) and error > 0.0 for error in errors)
-        return cls(
-            steps=found.steps,
-            errors=tuple(error if math.isfinite(error) else None for error in errors),
-            order=found.order if sloped else None,
-            **what,
-        )
+    def deviation(self, expected: float) -> float:
+        """Return how far the order is from one that is expected; NaN where there is no slope."""
+        sloped = all(math.isfinite(error) and error > 0.0 for error in self.errors)
+        return abs(self.order - expected) if sloped else math.nan
 
 
 def studied(scenario: Scenario) -> Scenario:

@@ -30,12 +30,12 @@ from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
+from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.cases import Run
 from afl_mujoco.studies.run import Run as Row
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
-    Refinement,
     Study,
     continuous_study,
     difference,
@@ -44,7 +44,6 @@ from afl_mujoco.studies.verify.convergence import (
     studied,
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
-from afl_mujoco.studies.verify.curves import Curves
 
 # --- the error budget ---------------------------------------------------------------------------
 
@@ -167,31 +166,12 @@ SAMPLE_PERIOD = 0.1
 _WORK, _RAMP_ENERGY, _IMPULSE, _RAMP_MOMENTUM, _JUMP_ENERGY, _JUMP_MOMENTUM = range(4, 10)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ledger:
-    """Energy [J] and momentum along z [N s] of a run in MuJoCo, booked by the analytic equations.
+def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
+    """Return the energy [J] and momentum along z [N s] that MuJoCo gained and nothing accounts for.
 
-    `energy_residual` and `momentum_residual` are the largest over the run that MuJoCo gained and
-    the ledger did not book.
-    """
-
-    scenario: str
-    controller: str
-    work: float  # of all forces along z
-    energy_of_ramps: float  # what the ramps and the steps of M and l add at fixed velocities
-    energy_of_jumps: float
-    impulse: float  # of all forces along z
-    momentum_of_ramps: float
-    momentum_of_jumps: float
-    energy_residual: float
-    momentum_residual: float
-
-
-def ledger(scenario: Scenario, controller: Controller) -> Ledger:
-    """Run exact mode with the ledger beside it and close the ledger along the run.
-
-    Work and impulse are those of the forces that MuJoCo applied; energy and momentum are MuJoCo's
-    own; what a parameter change adds is booked by the analytic energy and momentum.
+    Each is the largest along a run in exact mode. Work and impulse are those of the forces that
+    MuJoCo applied; energy and momentum are MuJoCo's own; what a parameter change adds is booked by
+    the analytic energy and momentum.
     """
     model = SimulatedModel(scenario.plant, edit=_measure_energy)
     rate = closed_loop(model, scenario, controller)
@@ -221,36 +201,18 @@ def ledger(scenario: Scenario, controller: Controller) -> Ledger:
     criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
     solver = scipy_solver(derivative, criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
-    return _close(model, scenario, controller, times[: len(states)], states)
-
-
-def _close(
-    model: SimulatedModel,
-    scenario: Scenario,
-    controller: Controller,
-    times: NDArray[np.float64],
-    states: NDArray[np.float64],
-) -> Ledger:
-    """Compare the energy and momentum gained in MuJoCo with what was booked."""
+    booked = np.stack(
+        [
+            states[:, [_WORK, _RAMP_ENERGY, _JUMP_ENERGY]].sum(axis=1),
+            states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1),
+        ],
+        axis=1,
+    )
     measured = np.array(
-        [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=True)]
+        [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=False)]
     )
-    energy = states[:, [_WORK, _RAMP_ENERGY, _JUMP_ENERGY]].sum(axis=1)
-    momentum = states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1)
-    gained = measured - measured[0]
-    last = states[-1].tolist()
-    return Ledger(
-        scenario=scenario.name,
-        controller=controller.name,
-        work=last[_WORK],
-        energy_of_ramps=last[_RAMP_ENERGY],
-        energy_of_jumps=last[_JUMP_ENERGY],
-        impulse=last[_IMPULSE],
-        momentum_of_ramps=last[_RAMP_MOMENTUM],
-        momentum_of_jumps=last[_JUMP_MOMENTUM],
-        energy_residual=float(np.abs(gained[:, 0] - energy).max()),
-        momentum_residual=float(np.abs(gained[:, 1] - momentum).max()),
-    )
+    energy, momentum = np.abs(measured - measured[0] - booked).max(axis=0).tolist()
+    return energy, momentum
 
 
 def _measured(
@@ -291,12 +253,6 @@ def _measure_energy(spec: mujoco.MjSpec) -> None:
 CAPSULE_EXCESS = 0.13
 """Relative excess of the inertia of the drawn capsule over that of the slender rod."""
 
-ORDERS = {"continuous": 4.0, "sampled": 1.0, "schedule": 2.0}
-"""The order that each refinement study should show."""
-
-ORDER_CHECKS = {"continuous": "B2o", "sampled": "B4", "schedule": "B4s"}
-"""The check that judges each order."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Omission:
@@ -312,26 +268,17 @@ class Omission:
     momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Growth:
-    """How far the two codes are apart after a whole run, beside how much any difference grows."""
-
-    scenario: str
-    controller: str
-    difference: float | None  # of any state at any instant; None if one fell and the other did not
-    amplification: float | None  # of a small change of the initial state
-
-
 @dataclass(frozen=True, slots=True)
 class Explanation:
     """The explanation of one case; tables are None for a run that did not complete."""
 
     checks: tuple[Check, ...] = ()
     budget: ErrorBudget | None = None
-    ledger: Ledger | None = None
     omission: Omission | None = None
-    studies: tuple[Refinement, ...] = ()  # behind B2o, B4, B4f and B4s
-    growth: Growth | None = None  # of another plant than the cart-pole
+
+
+SPARSE = 0.02
+"""Spacing of the instants of a replay [s]."""
 
 
 class Judged(NamedTuple):
@@ -341,7 +288,14 @@ class Judged(NamedTuple):
     runs: tuple[Run, ...]
     row: Row
     explanation: Explanation
-    curves: Curves | None  # None for a plant without equations
+    moving: tuple[Array, Array]  # the run as deployed on the ideal loop, for its replay
+
+
+def moving(run: Trajectory) -> tuple[Array, Array]:
+    """Return instants [s] and states of a run that are enough to replay it, its last among them."""
+    kept = np.diff(np.floor(run.time / SPARSE + 1e-6), prepend=-1.0) > 0.0
+    kept[-1] = True
+    return run.time[kept], run.state[kept]
 
 
 def explain(
@@ -364,25 +318,18 @@ def explain(
     sampled, residue = sampled_study(part, controller, reference)
     continuous = continuous_study(part, controller, reference)
     schedule = schedule_study(part, controller)
-    studies = {"continuous": continuous, "sampled": sampled, "schedule": schedule}
-    refinements = tuple(
-        Refinement.of(
-            study, study=name, expected=ORDERS[name], scenario=names[0], controller=names[1]
-        )
-        for name, study in studies.items()
-        if study is not None
-    )  # fmt: skip
-    book = ledger(part, controller)
+    orders = {"B2o": (continuous, 4.0), "B4": (sampled, 1.0), "B4s": (schedule, 2.0)}
+    energy, momentum = ledger(part, controller)
     agreement, omission = _omission(part, controller, reference)
     values |= {
-        "A6e": book.energy_residual,
-        "A6p": book.momentum_residual,
+        "A6e": energy,
+        "A6p": momentum,
         "B4r": residue,
         "B6": continuous.reduction,
         "B7": agreement,
-        **{ORDER_CHECKS[r.study]: r.deviation for r in refinements},
+        **{id: one.deviation(order) for id, (one, order) in orders.items() if one is not None},
     }
-    return Explanation(judged(values, *names), budget, book, omission, refinements)
+    return Explanation(judged(values, *names), budget, omission)
 
 
 def _omission(

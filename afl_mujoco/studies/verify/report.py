@@ -2,50 +2,43 @@
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report, Section
+from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Report, Section
 from afl_mujoco.report.markdown import plain
-from afl_mujoco.report.numbers import fixed, interval, limit, percent, scientific, short
+from afl_mujoco.report.numbers import fixed, limit, scientific, short
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.words import describe
-from afl_mujoco.simulation.trajectory import COMPLETED, Layout
-from afl_mujoco.studies.cases import DECISIVE, DEPLOYED
-from afl_mujoco.studies.tables import grouped, how, metrics_matrix, replay, requirements_matrix
+from afl_mujoco.simulation.trajectory import COMPLETED
+from afl_mujoco.studies.cases import DEPLOYED
+from afl_mujoco.studies.tables import grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
-from afl_mujoco.studies.verify.convergence import Refinement
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import SOURCES
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
-QUANTILES = ("5%", "25%", "median", "75%", "95%")
-"""Percentiles of the improvement over random schedules that are shown."""
-
 PICTURED = "step-step"
 """The scenario whose runs are shown first, if it is there."""
+
+PERCENT = " [%]"
+"""Ending of the quantity of a claim that is drawn on the axis."""
 
 
 def report(result: Result) -> Report:
     """Return what is shown of a verification."""
     pictured = next((s for s in result.scenarios if s.name == PICTURED), result.scenarios[0])
-    blocks: list[Block] = [*_requirements(result)]
-    blocks += _pictures(result, pictured) if result.curves else []
+    blocks: list[Block] = [*_requirements(result), _replay(result, pictured)]
     blocks += [_claims(result)] if result.claims else []
     blocks.append(_checks(result))
     blocks += [_budget(result)] if result.error_budgets else []
-    blocks += _details(result)
+    blocks += [_omissions(result)] if result.omissions else []
     blocks += [_scenario(result, one, one is not pictured) for one in result.scenarios]
-    decided = "\n".join(f"- **{id}**: {plain(words)}" for id, words in result.decisions.items())
-    if decided:
-        blocks.append(Section("Decisions where the paper is silent", "decisions", [decided], True))
     return Report(headline=_headline(result), passed=result.passed, blocks=blocks)
 
 
@@ -102,25 +95,12 @@ def _requirements(result: Result) -> list[Block]:
     return found
 
 
-def _pictures(result: Result, scenario: Scenario) -> list[Block]:
-    """Return a scenario under each controller: replayed, and over time."""
-    number, curves = _number(result, scenario), result.curves_on(scenario)
-    hold = short(1e3 * result.settings.control_period)
-    figure = Figure(
-        name=f"report-runs-{number}",
-        title=f"{scenario.name} in MuJoCo and by the equations",
-        caption=f"Colours: MuJoCo as deployed, the force held for {hold} ms; dashed over them: the "
-        "ideal equations; grey across: disturbances.",
-        draw=partial(_draw, "draw_runs", scenario, curves),
-    )
+def _replay(result: Result, scenario: Scenario) -> Replay:
+    """Return a scenario under each controller, as deployed."""
     deployed = [x for x in result.runs if (x.scenario, x.simulator) == (scenario.name, DEPLOYED)]
     endings = {run.controller: run.outcome for run in deployed}
-    moving = {
-        one.controller: (one.time[: len(states)], states)
-        for one in curves
-        for states in [one.states[DEPLOYED]]
-    }
-    return [replay(f"report-runs-{number}", scenario, moving, endings), figure]
+    moving = {name: result.curves[f"{scenario.name}/{name}"] for name in endings}
+    return replay(f"report-runs-{_number(result, scenario)}", scenario, moving, endings)
 
 
 def _number(result: Result, scenario: Scenario) -> int:
@@ -130,50 +110,64 @@ def _number(result: Result, scenario: Scenario) -> int:
 
 def _claims(result: Result) -> Section:
     """Return the paper's claims beside what is found here."""
-    blocks: list[Block] = [
-        Matrix(
-            caption="C9 to C12, and what readings say of C3 to C6, come with the package",
-            columns=("Claim", "Paper", "Here", "Verdict"),
-            rows=[
-                (
-                    one.id,
-                    _counted(one, one.paper, 4),
-                    _counted(one, one.here, 3),
-                    Cell(one.verdict, GROUPS[kind(one.verdict)][0]),
-                )
-                for one in result.claims
-            ],
-        ),
-        Figure(
-            name="report-claims",
-            title="The paper's claims",
-            caption="The paper's number (open) and the one found here (filled); the bar is the "
-            "95 % interval of C9. C3 to C6 are the improvements of the paper's Table 3.",
-            draw=partial(_draw, "draw_claims", result.claims, result.random_schedules),
-        ),
-        Matrix(
-            caption="What is claimed, what is compared, and why the verdict",
-            columns=("Claim", "The paper says", "Compared", "Why the verdict"),
-            rows=[(one.id, one.claim, one.figure, one.why) for one in result.claims],
-            folded="What each claim says, and why the verdict",
-        ),
-    ]
-    if result.random_schedules:
-        rows = [
-            (
-                name,
-                str(one.schedules),
-                percent(one.share, 3),
-                f"{interval(one.interval)} %",
-                *(fixed(one.quantiles.get(quantile), 1) for quantile in QUANTILES),
-            )
-            for name, one in result.random_schedules.items()
-        ]
-        columns = ("Gains", "Schedules", "Adaptive wins", "95 % interval", *QUANTILES)
-        caption = "Adaptive against fixed gains, and percentiles of the improvement [%]"
-        matrix = Matrix(caption=caption, columns=columns, rows=rows)
-        blocks.append(Section("Random schedules", "random", [matrix], folded=True))
-    return Section("The paper's claims", "claims", blocks)
+    return Section(
+        "The paper's claims",
+        "claims",
+        [
+            Matrix(
+                caption="C9 to C12, and what readings say of C3 to C6, come with the package",
+                columns=("Claim", "Paper", "Here", "Verdict", "The paper says"),
+                rows=[
+                    (
+                        one.id,
+                        _counted(one, one.paper, 4),
+                        _counted(one, one.here, 3),
+                        Cell(one.verdict, GROUPS[kind(one.verdict)][0]),
+                        one.claim,
+                    )
+                    for one in result.claims
+                ],
+            ),
+            Figure(
+                name="report-claims",
+                title="The paper's claims",
+                caption="The paper's number (open) and the one found here (filled), of the claims "
+                "in percent; the bar is the 95 % interval of C9. C3 to C6 are the improvements of "
+                "the paper's Table 3.",
+                draw=partial(_draw_claims, result),
+            ),
+            Matrix(
+                caption="What is compared, and why the verdict",
+                columns=("Claim", "Compared", "Why the verdict"),
+                rows=[(one.id, one.figure, one.why) for one in result.claims],
+                folded="What is compared, and why the verdict",
+            ),
+        ],
+    )
+
+
+def _draw_claims(result: Result) -> Any:
+    """Draw the two numbers of each claim that is counted in percent, C9 with its interval."""
+    from afl_mujoco.report.figures import Dot, dots
+    from afl_mujoco.report.style import BLUE, GREY, ORANGE, VERMILION
+
+    colours = {"good": BLUE, "neutral": ORANGE, "bad": VERMILION, "open": GREY}
+    rows: dict[str, list[Dot]] = {}
+    shades = {}
+    for one in result.claims:
+        if one.figure.endswith(PERCENT):
+            paper, here = ([] if x is None else [x] for x in (one.paper, one.here))
+            ends = (min(paper + here), max(paper + here)) if paper and here else None
+            found = result.random_schedules.get("published") if one.id == "C9" else None
+            low, high = (100.0 * end for end in found.interval) if found else (0.0, 0.0)
+            name = f"{one.id}: {fixed(one.paper, 1)} % in the paper, {fixed(one.here, 1)} % here"
+            shades[name] = colours[GROUPS[kind(one.verdict)][0]]
+            rows[name] = [
+                *(Dot(at=x, thin=ends, thick=(low, high) if found else None) for x in here),
+                *(Dot(at=x, hollow=True) for x in paper),
+            ]
+    label = "the claim's quantity [%]; blue holds, orange in part, red not, grey open"
+    return dots(rows, label, line=0.0, colour_of=shades, spread=0.0)
 
 
 def _counted(claim: Claim, value: float | None, digits: int) -> str:
@@ -186,10 +180,6 @@ def _checks(result: Result) -> Section:
     """Return each criterion at its worst, and every judged value."""
     found = {id: [check for check in result.checks if check.id == id] for id in CRITERIA}
     worst = [max(alike, key=lambda check: check.rank) for alike in found.values() if alike]
-    judged = {(c.scenario, c.controller, c.id): c for c in result.checks if c.scenario != ANY}
-    ids = [id for id in CRITERIA if any(id == key[2] for key in judged)]
-    outcomes = {(run.scenario, run.controller, run.simulator): run for run in result.runs}
-    cases = dict.fromkeys((run.scenario, run.controller) for run in result.runs)
     return Section(
         "Checks",
         "checks",
@@ -207,25 +197,6 @@ def _checks(result: Result) -> Section:
                     )
                     for one in worst
                 ],
-            ),
-            Matrix(
-                caption="How each case ended in MuJoCo, continuous and as deployed; the objective; "
-                "every judged value",
-                columns=("Scenario", "Controller", "Continuous", "Deployed", "Objective", *ids),
-                rows=[
-                    (
-                        *case,
-                        *(
-                            Cell(outcome, "" if outcome == COMPLETED else "bad")
-                            for name in (DECISIVE, DEPLOYED)
-                            if (outcome := outcomes[*case, name].outcome)
-                        ),
-                        fixed(outcomes[*case, DECISIVE].metrics.get("objective"), 4),
-                        *(_judged(judged.get((*case, id))) for id in ids),
-                    )
-                    for case in cases
-                ],
-                folded="Every case",
             ),
             Matrix(
                 caption="The criteria",
@@ -254,11 +225,6 @@ def _margin(check: Check) -> str:
     return f"{short(check.limit / check.value, 2)}×"
 
 
-def _judged(check: Check | None) -> Cell:
-    """Return a judged value; one that fails is marked."""
-    return Cell("–") if check is None else Cell(_value(check.value), "" if check.passed else "bad")
-
-
 def _budget(result: Result) -> Section:
     """Return why a run as deployed differs from the ideal equations."""
     budgets = result.error_budgets
@@ -281,117 +247,27 @@ def _budget(result: Result) -> Section:
                     for name, words in parts.items()
                 ],
             ),
-            Figure(
-                name="report-budget",
-                title="What the difference consists of",
-                caption="Left: the worst run, in the state and at the instant where it is worst; "
-                "there the signed parts add up. Right: the largest value of any state at any "
-                "instant, in every run.",
-                draw=partial(_draw, "draw_budget", budgets),
-            ),
-            _by_case(
-                "Largest of any state at any instant [m, rad, m/s, rad/s]",
-                budgets,
-                parts,
-                folded=f"Error budget of {len(budgets)} runs",
-            ),
         ],
     )
 
 
-BOOKED = {
-    "work": "Work [J]",
-    "energy_of_ramps": "Ramps [J]",
-    "energy_of_jumps": "Jumps [J]",
-    "energy_residual": "Residual [J]",
-    "impulse": "Impulse [N s]",
-    "momentum_of_ramps": "Ramps [N s]",
-    "momentum_of_jumps": "Jumps [N s]",
-    "momentum_residual": "Residual [N s]",
-}
-GROWN = {
-    "difference": "|MuJoCo exact − ODE|, whole run",
-    "amplification": "Growth of a small change of the start",
-}
-OMITTED = {"stretching_rod": "Terms in l′", "momenta_kept": "Momenta kept at steps"}
-
-
-def _details(result: Result) -> Iterator[Section]:
-    """Yield what a full verification adds: orders, ledgers, and what the paper leaves out."""
-    if result.studies:
-        alike: dict[str, list[Refinement]] = {}
-        for study in result.studies:
-            alike.setdefault(study.study, []).append(study)
-        orders = Matrix(
-            caption="Orders observed over four step sizes",
-            columns=("Study", "Expected", "Observed", "Runs"),
-            rows=[
-                (name, short(some[0].expected), _range([one.order for one in some]), f"{len(some)}")
-                for name, some in alike.items()
-            ],
-        )
-        yield Section("Observed orders", "orders", [orders], folded=True)
-    for found, columns, title, anchor, caption in (
-        (
-            result.growths, GROWN, "Differences over whole runs", "growth",
-            "Shown, not judged: an unstable plant amplifies round-off; restarts keep it from that",
-        ),
-        (
-            result.ledgers, BOOKED, "Energy and momentum", "ledger",
-            "Ledger at the end of each run; the residual is the largest along it",
-        ),
-        (
-            result.omissions, OMITTED, "What the paper’s frozen parameters leave out", "omissions",
-            "Largest change of any state (SI)",
-        ),
-    ):  # fmt: skip
-        if found:
-            yield Section(title, anchor, [_by_case(caption, found, columns)], folded=True)
-
-
-def _by_case(
-    caption: str, found: Sequence[Any], columns: Mapping[str, str], *, folded: str = ""
-) -> Matrix:
-    """Return some fields of what was found of each case."""
-    return Matrix(
-        caption=caption,
-        columns=("Scenario", "Controller", *columns.values()),
+def _omissions(result: Result) -> Section:
+    """Return how much it matters that the paper freezes M and l in its equations."""
+    table = Matrix(
+        caption="Largest change of any state (SI)",
+        columns=("Scenario", "Controller", "Terms in l′", "Momenta kept at steps"),
         rows=[
-            (one.scenario, one.controller, *(short(getattr(one, name), 3) for name in columns))
-            for one in found
+            (one.scenario, one.controller, short(one.stretching_rod, 3), short(one.momenta_kept, 3))
+            for one in result.omissions
         ],
-        folded=folded,
     )
+    title = "What the paper’s frozen parameters leave out"
+    return Section(title, "omissions", [table], folded=True)
 
 
-def _range(orders: Sequence[float | None]) -> str:
-    """Return the range of the orders that there are."""
-    known = [order for order in orders if order is not None and math.isfinite(order)]
-    low, high = (fixed(f(known, default=None), 3) for f in (min, max))
-    return low if low == high else f"{low} to {high}"
-
-
-def _scenario(result: Result, scenario: Scenario, drawn: bool) -> Section:
-    """Return one scenario: what happens in it, its curves, its metrics in every simulator."""
-    number = _number(result, scenario)
+def _scenario(result: Result, scenario: Scenario, moves: bool) -> Section:
+    """Return what happens in one scenario, and its runs unless they are shown already."""
     facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
-    runs = [run for run in result.runs if run.scenario == scenario.name]
-    blocks: list[Block] = [
-        facts,
-        *(_pictures(result, scenario) if drawn and result.curves else []),
-        metrics_matrix(
-            {f"{run.controller}, {run.simulator}": [run.metrics] for run in runs},
-            list(runs[0].metrics),
-            folded="All metrics in every simulator",
-            digits=6,
-            layout=Layout.of(scenario),
-        ),
-    ]
-    return Section(scenario.name, f"scenario-{number}", blocks, folded=True)
-
-
-def _draw(figure: str, *arguments: Any) -> Any:
-    """Draw a figure of `verify.figures`."""
-    from afl_mujoco.studies.verify import figures
-
-    return getattr(figures, figure)(*arguments)
+    blocks: list[Block] = [facts, *[_replay(result, scenario)] * moves]
+    anchor = f"scenario-{_number(result, scenario)}"
+    return Section(scenario.name, anchor, blocks, folded=True)

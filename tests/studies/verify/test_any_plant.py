@@ -15,7 +15,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant, load_plant
-from afl_mujoco.report.blocks import figures_of
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.arrays import packed, unpacked
@@ -66,13 +65,10 @@ def test_every_check_holds_on_the_examples(plant: Plant) -> None:
     ids = ["A1e", "A1t", "A1x", "A1c", "A3n", "A4f", "A6f", "B4f", "A5s", "A10r", "B1r"]
     assert [check.id for check in result.checks] == ids
     assert [one.simulator for one in result.runs] == list(REPORTED)
-    (growth,) = result.growths
-    assert growth.difference is not None and growth.amplification is not None
-    assert growth.difference < 1e-6 and growth.amplification > 1.0
     said = report(result)
     assert said.headline == "CODES AGREE 11/11" and said.passed
     anchors = [getattr(block, "anchor", "") for block in said.blocks]
-    assert "checks" in anchors and "claims" not in anchors and "decisions" not in anchors
+    assert "checks" in anchors and "claims" not in anchors
     assert unpacked(Result, *packed(result)).checks == result.checks
 
 
@@ -176,8 +172,7 @@ def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: 
     assert min(budget.schedule_sampling, budget.disturbance_timing) > 1e-6 > budget.model_form
     assert at.unit == scenario.plant.units[at.state]
     assert "not explained" in str(report(found).blocks)
-    drawn = figures_of(report(found).blocks)[0].draw()
-    labels = ["x [m]", "z [m]", "pitch [rad]", "cable [rad]", "left", "right", "plant"]
-    assert [axis.get_ylabel() for axis in drawn.axes] == labels
+    ((time, states),) = found.curves.values()
+    assert states.shape == (len(time), 8) and (time[0], time[-1]) == (0.0, 1.0)
     acting = scenario_of(QUADROTOR, duration=1.0, disturbances=())
     assert not run(Request([acting], [LQR], Settings(full=True))).error_budgets
