@@ -63,7 +63,7 @@ AREAS = {
         "studies/validate.py",
         *(
             f"studies/verify/{name}.py"
-            for name in ("checks", "claims", "convergence", "criteria", "curves", "explanation")
+            for name in ("checks", "claims", "convergence", "criteria", "explanation")
         ),
     ),
     "statistics": ("studies/montecarlo.py", "studies/robustness.py"),

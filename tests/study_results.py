@@ -113,11 +113,6 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
 
 def estimation() -> estimation_study.Result:
     time = np.linspace(0.0, 12.0, 50)
-    mass = estimation_study.Tracking(
-        rms={"0.05-1 s": 0.01, "1-6 s": 0.02, "6 s to the end": None},
-        steps=(estimation_study.Step(at=1.0, reached_after=0.25, found_after=0.3),),
-    )
-    length = estimation_study.Tracking(rms=mass.rms, steps=())
     loops = tuple(
         estimation_study.Loop(
             parameters=parameters, noise=noise, runs=2, completed=completed,
@@ -133,8 +128,6 @@ def estimation() -> estimation_study.Result:
         cases=(
             estimation_study.Case(
                 scenario="step-step",
-                cart_mass=(mass,),
-                half_length=(length,),
                 loops=loops,
                 curves={
                     name: dict.fromkeys(("true", "estimated"), (time, time))

@@ -40,12 +40,12 @@ def heat(
     grades: Sequence[Sequence[int]],
     texts: Sequence[Sequence[str]],
     words: Sequence[str],
-    shades: Sequence[str] = (*GRADES, IDLE),
 ) -> Figure:
     """Draw a grid of cells, each with a text on the colour of its grade.
 
-    A grade is an index into `words` and `shades`.
+    A grade is an index into `words`.
     """
+    shades = (*GRADES, IDLE)
     figure = new_figure(max(2.9 + 1.05 * len(columns), 6.0), 1.3 + 0.3 * len(rows))
     axes = figure.subplots()
     axes.imshow(np.array([to_rgba(shade) for shade in shades])[np.array(grades)], aspect="auto")
@@ -156,14 +156,13 @@ def curves(
     duration: float,
     *,
     shaded: Sequence[tuple[float, float]] = (),
-    width: float = 9.0,
 ) -> Figure:
     """Draw panels over one axis of time; a curve that ends before the duration ends with a cross.
 
     `shaded` are stretches of time that are shaded in all panels [s].
     """
     heights = [1.6 if panel.black else 2.6 for panel in panels]
-    figure = new_figure(width, 0.8 + 0.75 * sum(heights))
+    figure = new_figure(9.0, 0.8 + 0.75 * sum(heights))
     axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
     shades = colours(dict.fromkeys(n for panel in panels if not panel.black for n in panel.curves))
     for axis, panel in zip(axes, panels, strict=True):

@@ -5,19 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from colorsys import hsv_to_rgb
 from contextlib import contextmanager
-from itertools import chain, count, pairwise
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
 import matplotlib
 import numpy as np
 from cycler import cycler
-from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import LogFormatterSciNotation, MaxNLocator
+from matplotlib.ticker import LogFormatterSciNotation
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
@@ -50,9 +49,6 @@ _LINES: tuple[Any, ...] = ("-", (0.0, (7.0, 1.5)), (0.0, (4.0, 1.5, 1.0, 1.5)), 
 TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
 
 PNG_DPI = 130
-
-LETTER = 0.06
-"""Width of a letter of a tick's label [in]."""
 
 _RC: Any = {
     "font.family": "DejaVu Sans",
@@ -162,25 +158,7 @@ def lay_out(figure: Figure) -> None:
             if isinstance(figure, _Literal):
                 figure.label_powers()
             engine.execute(figure)
-            for axes in figure.axes:
-                _keep_labels_apart(axes.xaxis, figure)
         figure.set_layout_engine(None)
-
-
-def _keep_labels_apart(axis: Axis, figure: Figure) -> None:
-    """Put fewer ticks on a linear x axis whose labels touch, as long as there are two."""
-    ticks = len(axis.get_ticklabels())
-    while isinstance(axis.get_major_locator(), MaxNLocator) and ticks > 2 and _touch(axis, figure):
-        ticks -= 1
-        axis.set_major_locator(MaxNLocator(ticks - 1, steps=[1, 2, 2.5, 5, 10]))
-
-
-def _touch(axis: Axis, figure: Figure) -> bool:
-    """Return whether two labels of an x axis are less than the width of a letter apart."""
-    boxes = [one.get_window_extent() for one in axis.get_ticklabels() if one.get_text()]
-    boxes = sorted((box for box in boxes if box.width), key=lambda box: float(box.x0))
-    gap = LETTER * figure.dpi
-    return any(left.x1 + gap > right.x0 for left, right in pairwise(boxes))
 
 
 def save_figure(figure: Figure, path: Path) -> None:

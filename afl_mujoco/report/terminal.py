@@ -101,10 +101,11 @@ def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
     names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
     for part in _parts(least, names, width - 1):
         shown = Table(box=SIMPLE_HEAD, show_edge=False)
-        widths = _widths([least[k] for k in part], [most[k] for k in part], width - 1)
-        for k, wide in zip(part, widths, strict=True):
+        for k in part:
             side: Any = "right" if matrix.numbers[k] else "left"
-            shown.add_column(_text(matrix.columns[k]), justify=side, overflow="fold", width=wide)
+            shown.add_column(
+                _text(matrix.columns[k]), justify=side, overflow="fold", min_width=least[k]
+            )
         above = ""
         for row in rows:
             cells = [Text(text, style=style) for text, style in (row[k] for k in part)]
@@ -132,15 +133,3 @@ def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:
         parts[-1].append(k)
         left -= least[k] + GAP
     return parts
-
-
-def _widths(least: Sequence[int], most: Sequence[int], width: int) -> list[int]:
-    """Return the widths of columns: all that they can use, or a fair share of the width."""
-    widths = list(most)
-    while sum(widths) + GAP * len(widths) > width:
-        spare = [(wide - low, k) for k, (wide, low) in enumerate(zip(widths, least, strict=True))]
-        most_spare, k = max(spare)
-        if most_spare <= 0:
-            break
-        widths[k] -= 1
-    return widths

@@ -140,32 +140,17 @@ def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> f
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """How runs end by where they start.
-
-    Attributes
-    ----------
-    scenario
-        The scenario.
-    controllers
-        Their names.
-    integrator, timestep
-        MuJoCo's integrator, and its step [s], None for the default.
-    axes
-        The two states that vary, phi and phi_dot of the cart-pole by default.
-    angles, rates
-        Their levels.
-    rows
-        The runs of each controller: every level of the first for the first of the second, then for
-        the next, and at last that from the start of the scenario itself.
-    """
+    """How runs end by where they start."""
 
     scenario: Scenario
-    controllers: tuple[str, ...]
-    integrator: str
+    controllers: tuple[str, ...]  # their names
+    integrator: str  # of MuJoCo, and its step [s], None for the default
     timestep: float | None
-    axes: tuple[str, str] = ("phi", "phi_dot")
-    angles: Array
+    axes: tuple[str, str] = ("phi", "phi_dot")  # the two states that vary
+    angles: Array  # their levels
     rates: Array
+    # of each controller: every level of the first for the first of the second, then for the next,
+    # and at last from the start of the scenario itself
     rows: Rows
 
     @property
@@ -309,12 +294,4 @@ def _edges(axis: NDArray[np.float64]) -> tuple[float, float]:
     return float(axis[0]) - half, float(axis[-1]) + half
 
 
-STUDY = Study(
-    name="attraction",
-    title="Region of attraction",
-    order=30,
-    schema=5,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="attraction", title="Region of attraction", order=30, schema=5)

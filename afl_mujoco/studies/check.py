@@ -581,12 +581,4 @@ def report(result: Result) -> Report:
     return Report(headline=result.headline, blocks=blocks, passed=result.passed)
 
 
-STUDY = Study(
-    name="check",
-    title="A plant and its equations",
-    order=1,
-    schema=1,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="check", title="A plant and its equations", order=1, schema=1)

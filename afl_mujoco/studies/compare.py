@@ -24,7 +24,6 @@ from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.words import describe
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import Layout, Trajectory, controller_inputs
@@ -41,6 +40,7 @@ from afl_mujoco.studies.robustness import require_runs
 from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
 from afl_mujoco.studies.tables import (
     ENDINGS,
+    as_file,
     grouped,
     metrics_matrix,
     replay,
@@ -421,11 +421,10 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
         ]
     figures = {name: [found for _, found in some] for name, some in draws.items()}
     shown = in_order(name for some in figures.values() for found in some for name in found)
-    facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
     return [
         *blocks,
         metrics_matrix(figures, shown, folded="All metrics", layout=Layout.of(scenario)),
-        Section("The scenario", f"compare-{number}-scenario", [facts], folded=True),
+        Section("The scenario", f"compare-{number}-scenario", [as_file(scenario)], folded=True),
     ]
 
 
@@ -506,12 +505,4 @@ def films(result: Result, command: str) -> list[Film]:
     return found
 
 
-STUDY = Study(
-    name="compare",
-    title="Controllers compared",
-    order=0,
-    schema=3,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=3)

@@ -21,7 +21,7 @@ A study is a module of this folder. Its first line is what the list of commands 
 ``require_files(folder)``, ``write_files(result, folder)``
     Only for a study that writes more than figures: raises before the run; returns what it wrote.
 
-`STUDY` names them. The list of commands imports no study, and a command only its own.
+`STUDY` names the module. The list of commands imports no study, and a command only its own.
 """
 
 from __future__ import annotations
@@ -59,14 +59,6 @@ ScenarioIfAny = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metava
 
 ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
 """Controllers by name."""
-
-
-class Interrupted(KeyboardInterrupt):
-    """A Ctrl-C during a study that keeps what it has found: a result, and how much of it."""
-
-    def __init__(self, result: Any, done: str) -> None:
-        super().__init__(done)
-        self.result, self.done = result, done
 
 
 def silent(doing: str, done: int, total: int) -> None:
@@ -107,13 +99,11 @@ def compute(
 class Study:
     """A study, as the command line, the report and the tests see it."""
 
+    module: str  # that has its parts
     name: str  # of its command
     title: str  # in the contents of a report
     order: int  # among the studies, lowest first
     schema: int  # of its result file, raised whenever an older file can no longer be read
-    configuration: type  # its options
-    prepare: Callable[[Any], Any]  # options -> what is run, or raises if a rule is broken
-    run: Callable[..., Any]
     stem: str = ""  # beginning of its file names; its name by default
 
     def __post_init__(self) -> None:
@@ -125,9 +115,23 @@ class Study:
         """The command that makes its result."""
         return f"afl-mujoco {self.name}"
 
+    @property
+    def configuration(self) -> type:
+        """The dataclass of its options."""
+        found: type = self._part("Options")
+        return found
+
+    def prepare(self, options: Any) -> Any:
+        """Return what the options ask for, or raise if a rule is broken."""
+        return self._part("prepare")(options)
+
+    def run(self, request: Any, **how: Any) -> Any:
+        """Return the result of what was prepared."""
+        return self._part("run")(request, **how)
+
     def takes(self, option: str) -> bool:
         """Return whether its ``run`` takes an option."""
-        return option in inspect.signature(self.run).parameters
+        return option in inspect.signature(self._part("run")).parameters
 
     @property
     def result_type(self) -> type:
@@ -177,4 +181,4 @@ class Study:
 
     def _part(self, name: str) -> Any:
         """Return what its module has by a name, None if it has nothing."""
-        return getattr(importlib.import_module(self.configuration.__module__), name, None)
+        return getattr(importlib.import_module(self.module), name, None)

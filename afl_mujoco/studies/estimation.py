@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
@@ -22,7 +17,6 @@ from afl_mujoco.report.numbers import fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Schedule
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.arrays import Array
@@ -105,23 +99,6 @@ def prepare(options: Options) -> Request:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Step:
-    """A jump of the truth; the estimate is found within `FOUND` of it before its next change."""
-
-    at: float  # [s]
-    reached_after: float | None  # time until it is first found [s]; None if it never is
-    found_after: float | None  # time until it stays found [s]; None if it does not
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Tracking:
-    """How one estimate follows the truth."""
-
-    rms: dict[str, float | None]  # of ln(estimate / truth) in each window; None without an instant
-    steps: tuple[Step, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
     """The cost of one loop over its runs."""
 
@@ -138,8 +115,6 @@ class Case:
     """What was found on one schedule."""
 
     scenario: str
-    cart_mass: tuple[Tracking, ...]  # one for each seed
-    half_length: tuple[Tracking, ...]
     loops: tuple[Loop, ...]
     # by quantity, what is true and what is estimated up to `UNTIL`: instants [s] and values. Those
     # estimated are of the first seed, the true angle is of the loop without noise
@@ -148,7 +123,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
-    """How well M and l are tracked, and what estimation costs the closed loop."""
+    """How M and l are followed, and what estimation costs the closed loop."""
 
     controller: str  # name that it has with the true parameters
     cases: tuple[Case, ...]  # the schedules
@@ -197,8 +172,6 @@ def run_case(unit: Request) -> Case:
     time = found.time[part]
     return Case(
         scenario=scenario.name,
-        cart_mass=tuple(tracking(scenario.cart_mass, x.time, x.cart_mass) for x in followed),
-        half_length=tuple(tracking(scenario.half_length, x.time, x.half_length) for x in followed),
         loops=tuple(loops),
         curves={
             "cart mass M [kg]": {
@@ -242,54 +215,6 @@ def _loop(
         completed=sum(run.outcome.kind == COMPLETED for run in there),
         metrics={n: statistics.median(x) if whole else None for n, x in known.items()},
         largest_force=max(known["max_force"]) if whole else None,
-    )
-
-
-# --- how an estimate follows the truth ----------------------------------------------------------
-
-Values = NDArray[np.float64]
-
-WINDOWS = {"0.05-1 s": (0.05, 1.0), "1-6 s": (1.0, 6.0), "6 s to the end": (6.0, math.inf)}
-"""Time windows over which the error is judged [s]: after the start, while the paper's plants
-change by steps, and after that."""
-
-FOUND = 0.1  # relative error within which an estimate counts as found
-
-_BESIDE = 1e-9
-
-
-def tracking(truth: Schedule, time: Values, estimate: Values) -> Tracking:
-    """Return how an estimate of M [kg] or l [m] follows the truth, from 0 on, shapes (T,)."""
-    error = np.log(estimate / truth(time))
-    end = float(time[-1])
-    edges = sorted({0.0, *(t for t in truth.breakpoints if 0.0 < t < end), end})
-    rms = {name: error[_within(time, *span)] for name, span in WINDOWS.items()}
-    return Tracking(
-        rms={n: float(np.sqrt(np.mean(x**2))) if len(x) else None for n, x in rms.items()},
-        steps=tuple(
-            _step(time, error, start, stop)
-            for start, stop in itertools.pairwise(edges)
-            if start > 0.0
-            and not math.isclose(truth.before(start), truth.at(start), rel_tol=1e-6)  # a rounding
-        ),
-    )
-
-
-def _within(time: Values, start: float, end: float) -> NDArray[np.bool_]:
-    """Return which instants lie in a stretch of time, excluding its end."""
-    return np.asarray((time >= start - _BESIDE) & (time < end - _BESIDE))
-
-
-def _step(time: Values, error: Values, start: float, end: float) -> Step:
-    """Return how an estimate follows a step of the truth, up to `end`."""
-    part = _within(time, start, end)
-    near = np.abs(error[part]) <= math.log1p(FOUND)
-    late = [float(t) for t in time[part] - start] + [None]
-    outside = np.flatnonzero(~near)
-    return Step(
-        at=start,
-        reached_after=late[int(near.argmax())] if near.any() else None,
-        found_after=late[int(outside[-1]) + 1] if len(outside) else 0.0,
     )
 
 
@@ -366,11 +291,5 @@ def _draw(made: dict[str, dict[str, tuple[Array, Array]]]) -> Any:
 
 
 STUDY = Study(
-    name="estimation",
-    title="M and l estimated online",
-    order=50,
-    schema=4,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
+    module=__name__, name="estimation", title="M and l estimated online", order=50, schema=5
 )

@@ -474,12 +474,4 @@ def _outlook(found: Sequence[Survival]) -> Matrix:
     )
 
 
-STUDY = Study(
-    name="hardware",
-    title="Measured hardware",
-    order=81,
-    schema=3,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="hardware", title="Measured hardware", order=81, schema=3)

@@ -173,12 +173,4 @@ def write_files(result: Result, folder: Path) -> list[Path]:
     return [folder / ESTIMATES, folder / SCENARIO]
 
 
-STUDY = Study(
-    name="identify",
-    title="A cart-pole identified",
-    order=80,
-    schema=1,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="identify", title="A cart-pole identified", order=80, schema=1)

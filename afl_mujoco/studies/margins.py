@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -23,7 +24,6 @@ from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sampling import whole_steps
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.words import departures_text
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
@@ -315,11 +315,12 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
             rows += some
     departing = s.imperfections.departing()
     left_out = [x for x in departing if x.partition(".")[0] not in (*LINEAR, "seed")]
-    linear = replace(linear_part(s.imperfections), control_period=None)
+    linear = replace(linear_part(s.imperfections), control_period=None).departing()
+    text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in linear.items())
     return Result(
         scenario=s.name,
         control_period=r.period,
-        imperfections=departures_text(linear),
+        imperfections=text or "none",
         left_out=tuple(left_out),
         linearisation_step=STEP,
         units={name: s.plant.units[name] for name in r.axes},
@@ -701,12 +702,4 @@ def agree(linear: Row, measured: Row) -> bool:
     return abs(away) <= REACH
 
 
-STUDY = Study(
-    name="margins",
-    title="Stability margins",
-    order=40,
-    schema=5,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
-)
+STUDY = Study(module=__name__, name="margins", title="Stability margins", order=40, schema=5)

@@ -20,12 +20,10 @@ from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
-from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.contract import (
     ControllerNames,
-    Interrupted,
     Progress,
     ScenarioName,
     Study,
@@ -102,7 +100,6 @@ class Request(NamedTuple):
     space: SampleSpace
     controllers: Sequence[Controller]
     names: Sequence[str]  # by which the controllers were asked for
-    assumed: bool = False  # whether the scenario does not say what varies
     samples: int = SAMPLES
     seed: int = 1
     deployed: Deployed = Deployed()
@@ -136,7 +133,6 @@ def prepare(options: Options) -> Request:
         space=SampleSpace(with_ranges(asked)),
         controllers=[find_controller(name) for name in o.controllers],
         names=o.controllers,
-        assumed=asked.ranges == FIXED,
         samples=samples if o.samples is None else o.samples,
         seed=o.seed,
         deployed=Deployed(o.integrator, o.timestep),
@@ -165,7 +161,6 @@ class Result:
     # by controller, shares of the runs that pass and that settle, with exact 95 % intervals
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
     worst_cases: tuple[Worst, ...] = ()  # none if nothing was searched
-    assumed: bool = False  # whether the scenario does not say what varies
     film: bool = False  # whether the hardest samples are to be filmed
 
     @property
@@ -208,7 +203,7 @@ def run(
     cluster: str | None = None,
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
-    space, controllers, _, _, samples, seed, deployed, budget, *_ = request
+    space, controllers, _, samples, seed, deployed, budget, _ = request
     total, worst = samples * len(controllers), list[Worst]()
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
@@ -216,34 +211,24 @@ def run(
             controllers, space, samples, seed, deployed, executor,
             lambda done, name: progress(f"sampling: {name}", done, total),
         )  # fmt: skip
-        try:
-            for one in controllers:
-                if budget is None:
-                    break
-                most = 2 * budget.points
+        for one in controllers:
+            if budget is None:
+                break
 
-                def advance(done: int, name: str = one.name, most: int = most) -> None:
-                    progress(f"searching the worst case for {name}", done, most)
+            def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
+                progress(f"searching the worst case for {name}", done, most)
 
-                found = search_worst(
-                    one, space, runs[one.name], seed, budget, deployed, executor, advance
-                )
-                worst += [
-                    replace(each, file=f"{FOLDER}/{one.name}/{FILES[each.question]}")
-                    for each in found
-                ]
-        except KeyboardInterrupt:
-            done = f"{total} samples, {len(worst)} searches"
-            raise Interrupted(_result(request, runs, worst), done) from None
-    return _result(request, runs, worst)
-
-
-def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Worst]) -> Result:
+            found = search_worst(
+                one, space, runs[one.name], seed, budget, deployed, executor, advance
+            )
+            worst += [
+                replace(each, file=f"{FOLDER}/{one.name}/{FILES[each.question]}") for each in found
+            ]
     return Result(
-        seed=request.seed,
-        integrator=request.deployed.integrator,
-        timestep=request.deployed.timestep,
-        space=request.space,
+        seed=seed,
+        integrator=deployed.integrator,
+        timestep=deployed.timestep,
+        space=space,
         rows=tuple(run for some in runs.values() for run in some),
         asked=dict(zip(runs, request.names, strict=True)),
         rates={
@@ -254,7 +239,6 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
             for name, some in runs.items()
         },
         worst_cases=tuple(worst),
-        assumed=request.assumed,
         film=request.film,
     )
 
@@ -272,13 +256,7 @@ def report(result: Result) -> Report:
         for name in sorted(runs, key=lambda name: name != ours)
     ]
     name = result.space.scenario.name
-    blocks: list[Block] = []
-    if result.assumed:
-        blocks.append(
-            f"{name} does not say what varies, so that its ideal imperfections are those of random "
-            "laboratory hardware; a table `[ranges]` in its file changes this."
-        )
-    blocks += [
+    blocks: list[Block] = [
         Figure(
             name="montecarlo-rates",
             title=f"How often each controller passes and settles on {result.samples} samples",
@@ -471,11 +449,5 @@ def films(result: Result, command: str) -> list[Film]:
 
 
 STUDY = Study(
-    name="montecarlo",
-    title="Monte Carlo and worst case",
-    order=20,
-    schema=7,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
+    module=__name__, name="montecarlo", title="Monte Carlo and worst case", order=20, schema=8
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.files import (
@@ -139,15 +138,6 @@ def save_record(
     return [path, *(folder / name for name in staged), *others]
 
 
-def save_partial(record: Record, folder: Path, done: str) -> Path:
-    """Write how much of an interrupted study was done, beside an older record."""
-    result, _ = packed(record.result)
-    path = folder / f"{record.study.stem}-partial.json"
-    content = {"partial": done, "command": record.command, "versions": dict(record.versions)}
-    write_text(path, json.dumps({**content, "result": result}, indent=1) + "\n")
-    return path
-
-
 def _digest(path: Path) -> str:
     """Return a digest of the content of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -206,7 +196,8 @@ def load_record(study: Study, folder: Path) -> Record:
         header = {"inputs": {}} | data  # an older file has none
         versions, inputs, files = (_texts(header, key) for key in ("versions", "inputs", "files"))
         given = {key: value for key, value in data.items() if key not in HEADER}
-        arrays = _arrays(folder / f"{study.stem}.npz", given)
+        npz = folder / f"{study.stem}.npz"
+        arrays = read_arrays(npz, array_names(npz)) if npz.exists() else {}
         result = unpacked(study.result_type, given, arrays)
         for name, digest in files.items():
             if _is_of(study, name) and (folder / name).is_file():
@@ -244,46 +235,21 @@ def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record: its JSON, its files beside it as it wrote them, the page made of it.
-
-    Only what the record itself would write again is removed, not whatever its JSON lists: a file of
-    a user's may be named there.
-    """
+    """Remove an older record: its JSON, its files beside it, the page made of it."""
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is not a record"):
             listed = dict(json.loads(read_utf8(path))["files"])
-            record = load_record(study, folder)
-            shown = drawn_of(record.report.blocks)
-            drawn = {name for one in shown for name in one.files.values()}
     except FileError:
-        listed, drawn = {}, set()
-    own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
-    ours = [name for name in listed if _is_of(study, name) and name in own]
-    for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
+        listed = {}
+    ours = [folder / name for name in listed if _is_of(study, name)]
+    for old in (path, folder / PAGE, *ours):  # the list first
         remove_file(old)
 
 
 def _is_of(study: Study, name: str) -> bool:
     """Return whether a name is that of a file of a study, beside its JSON."""
     return Path(name).name == name and name.split(".")[0].split("-")[0] == study.stem
-
-
-def _arrays(path: Path, data: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an npz that plain data names; none if it is not there."""
-    if not path.exists():
-        return {}
-    named = set(_texts_in(data))
-    return read_arrays(path, [name for name in array_names(path) if name in named])
-
-
-def _texts_in(data: Any) -> Iterator[str]:
-    """Yield every text in plain data."""
-    if isinstance(data, str):
-        yield data
-    elif isinstance(data, Mapping | list):
-        for value in data.values() if isinstance(data, Mapping) else data:
-            yield from _texts_in(value)
 
 
 def _no_number(name: str) -> NoReturn:

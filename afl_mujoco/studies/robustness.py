@@ -6,7 +6,6 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,7 +19,6 @@ from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.scenario.imperfections import (
     BY_INPUT,
-    IMPERFECTIONS,
     LARGEST_SEED,
     Imperfection,
     imperfections_of,
@@ -75,16 +73,14 @@ COMBINED = Imperfection(
 )  # fmt: skip
 """All at once: each as many times worse than the reference hardware as the level says."""
 
-KNOWN: Mapping[str, Imperfection] = MappingProxyType(
-    {one.name: one for one in (*IMPERFECTIONS, COMBINED)}
-)
-"""All that can be swept of a cart-pole, by name."""
 
-
-def known_of(plant: Plant) -> Mapping[str, Imperfection]:
+def known_of(plant: Plant) -> dict[str, Imperfection]:
     """Return all that can be swept of a plant, by name."""
-    own = imperfections_of(plant)
-    return KNOWN if own == IMPERFECTIONS else {one.name: one for one in (*own, COMBINED)}
+    return {one.name: one for one in (*imperfections_of(plant), COMBINED)}
+
+
+KNOWN = known_of(CART_POLE)
+"""All that can be swept of a cart-pole, by name."""
 
 
 def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:

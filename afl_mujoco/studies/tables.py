@@ -7,8 +7,11 @@ from functools import partial
 from statistics import median
 from typing import Any
 
+import tomli_w
+
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Status
 from afl_mujoco.report.numbers import MISSING, percent, short
+from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
@@ -57,6 +60,13 @@ def _replayed(*arguments: Any) -> Mapping[str, Any]:
     from afl_mujoco.simulation.poses import replay_data  # not before MuJoCo may be imported
 
     return replay_data(*arguments)
+
+
+def as_file(scenario: Scenario) -> str:
+    """Return a scenario as its file has it, to be read and copied."""
+    plant = scenario.plant
+    named = {} if scenario.is_cart_pole else {"plant": plant.origin or plant.name}
+    return f"```toml\n{tomli_w.dumps(scenario_to_table(scenario) | named)}```"
 
 
 def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:

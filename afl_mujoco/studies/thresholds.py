@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 import tyro
@@ -21,7 +21,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,
-    Interrupted,
     Progress,
     ScenarioNames,
     Study,
@@ -33,7 +32,6 @@ from afl_mujoco.studies.robustness import (
     KNOWN,
     Settings,
     SweepUnit,
-    Swept,
     all_settled,
     find_imperfection,
     known_of,
@@ -166,31 +164,16 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
-    """Thresholds of every controller under every imperfection.
+    """Thresholds of every controller under every imperfection."""
 
-    Attributes
-    ----------
-    settings
-        How they were searched.
-    scenarios
-        Each level must be survived in all of them.
-    imperfections
-        Those that were swept, with the level of the reference hardware.
-    rows
-        The runs that the sweeps name, and those with nothing added.
-    bare
-        By controller, its runs with nothing added, as places among the rows; one that fails there
-        has no sweeps.
-    sweeps
-        Each controller under each imperfection, by imperfection and then by controller.
-    """
-
-    settings: Settings
-    scenarios: tuple[Scenario, ...]
-    imperfections: tuple[Imperfection, ...]
-    rows: Rows
+    settings: Settings  # how they were searched
+    scenarios: tuple[Scenario, ...]  # each level must be survived in all of them
+    imperfections: tuple[Imperfection, ...]  # that were swept, with the level of the reference
+    rows: Rows  # the runs that the sweeps name, and those with nothing added
+    # by controller, its runs with nothing added, as places among the rows; one that fails there has
+    # no sweeps
     bare: Mapping[str, tuple[int, ...]]
-    sweeps: tuple[Sweep, ...] = field(default=())
+    sweeps: tuple[Sweep, ...] = ()  # by imperfection and then by controller
 
     def runs(self, places: Sequence[int]) -> list[Run]:
         """Return some of the runs."""
@@ -217,67 +200,38 @@ def run(
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request
     asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
-    found: dict[int, Swept] = {}
-    units: list[SweepUnit] = []
-    bare: list[tuple[Run, ...]] = []
-    try:
-        with open_executor(workers, cluster) as executor:
-            bare = compute_all(run_bare, asked, executor)
-            sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
-            units = [unit._replace(name=name) for name in names for unit in sound]
-            progress("sweeping", 0, len(units))
-            told = [
-                f"{u.controller.name}, {find_imperfection(u.name, request.plant).title}"
-                for u in units
-            ]
-            advance = counted(progress, "sweeping", len(units), told)
-            compute_all(sweep, units, executor, advance, kept=found)
-    except KeyboardInterrupt:
-        each = max(len(units) // len(names), 1)
-        whole = [name for row, name in enumerate(names)
-                 if units and all(row * each + k in found for k in range(each))]  # fmt: skip
-        if not whole:
-            raise
-        partial_result = _result(request._replace(names=whole), bare, units, found)
-        count = f"{len(found)} of {len(units)} sweeps"
-        raise Interrupted(partial_result, f"{count}; whole: {', '.join(whole)}") from None
-    return _result(request, bare, units, found)
-
-
-def _result(
-    request: Request,
-    bare: Sequence[tuple[Run, ...]],
-    units: Sequence[SweepUnit],
-    found: Mapping[int, Swept],
-) -> Result:
-    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
         rows.extend(runs)
         return tuple(range(len(rows) - len(runs), len(rows)))
 
-    names = [controller.name for controller in request.controllers]
-    first = {name: kept(runs) for name, runs in zip(names, bare, strict=True)}
+    swept = [find_imperfection(name, request.plant) for name in names]
+    with open_executor(workers, cluster) as executor:
+        bare = compute_all(run_bare, asked, executor)
+        sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
+        units = [unit._replace(name=one.name) for one in swept for unit in sound]
+        progress("sweeping", 0, len(units))
+        told = [f"{unit.controller.name}, {one.title}" for one in swept for unit in sound]
+        advance = counted(progress, "sweeping", len(units), told)
+        found = compute_all(sweep, units, executor, advance)
+    first = {one.name: kept(runs) for one, runs in zip(controllers, bare, strict=True)}
     sweeps = [
         Sweep(
             imperfection=unit.name,
             controller=unit.controller.name,
-            reference=kept(found[place].reference),
-            failure=kept(found[place].failure),
-            survives=found[place].survives,
-            settles=found[place].settles,
-            applies=found[place].applies,
+            reference=kept(one.reference),
+            failure=kept(one.failure),
+            survives=one.survives,
+            settles=one.settles,
+            applies=one.applies,
         )
-        for place, unit in enumerate(units)
-        if unit.name in request.names
+        for unit, one in zip(units, found, strict=True)
     ]
-    named = (find_imperfection(name, request.plant) for name in request.names)
-    swept = (referred(one, request.scenarios) for one in named)
     return Result(
-        settings=request.settings,
-        scenarios=request.scenarios,
-        imperfections=tuple(swept),
+        settings=settings,
+        scenarios=scenarios,
+        imperfections=tuple(referred(one, scenarios) for one in swept),
         rows=tuple(rows),
         bare=first,
         sweeps=tuple(sweeps),
@@ -386,11 +340,5 @@ def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
 
 
 STUDY = Study(
-    name="thresholds",
-    title="Imperfection thresholds",
-    order=10,
-    schema=6,
-    configuration=Options,
-    prepare=prepare,
-    run=run,
+    module=__name__, name="thresholds", title="Imperfection thresholds", order=10, schema=6
 )

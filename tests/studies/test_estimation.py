@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -21,43 +20,7 @@ from afl_mujoco.studies.estimation import (
     Result,
     report,
     run,
-    tracking,
 )
-
-TIME = np.arange(0, 10_001) * 1e-3
-
-
-def test_a_perfect_estimate_has_no_error_and_finds_a_step_at_once():
-    truth = afl.staircase((1.0,), (0.5, 1.0))
-    found = tracking(truth, TIME, truth(TIME))
-    assert found.rms == {"0.05-1 s": 0.0, "1-6 s": 0.0, "6 s to the end": 0.0}
-    (step,) = found.steps
-    assert (step.at, step.reached_after, step.found_after) == (1.0, 0.0, 0.0)
-
-
-def test_a_step_is_reached_first_and_found_for_good_later():
-    truth = afl.staircase((1.0, 3.0), (0.5, 1.0, 2.0))
-    estimate = truth(TIME).copy()
-    estimate[1000:1200] = 0.5  # late
-    estimate[1500:1700] = 1.2  # and lost again
-    estimate[3000:] = 1.0  # never
-    one, two = tracking(truth, TIME, estimate).steps
-    assert (one.reached_after, one.found_after) == (pytest.approx(0.2), pytest.approx(0.7))
-    assert (two.reached_after, two.found_after) == (None, None)
-
-
-def test_a_ramp_that_ends_a_rounding_off_its_plateau_is_no_step():
-    truth = afl.trapezoid((0.0, 2.0, 6.0, 8.0), low=0.2, high=1.0)
-    assert tracking(truth, TIME, truth(np.maximum(TIME - 0.05, 0.0))).steps == ()
-
-
-def test_the_error_is_that_of_the_logarithm_in_each_window():
-    truth = afl.constant(2.0)
-    estimate = np.where(TIME < 6.0, 2.2, 1.0)
-    found = tracking(truth, TIME, estimate)
-    assert found.rms["0.05-1 s"] == pytest.approx(math.log(1.1))
-    assert found.rms["6 s to the end"] == pytest.approx(math.log(2.0))
-    assert tracking(truth, TIME[:500], estimate[:500]).rms["1-6 s"] is None
 
 
 @pytest.fixture(scope="module")

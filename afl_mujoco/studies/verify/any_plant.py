@@ -14,20 +14,21 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import ParameterChange
-from afl_mujoco.scenario.sampling import held_disturbances, time_grid
+from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.integrator import integrate
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import Loop, require_equations
-from afl_mujoco.simulation.ode_fixed_step import held_steps, simulate_ode_held
+from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
 from afl_mujoco.studies.run import run_of
+from afl_mujoco.studies.verify.checks import one_step_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
     Study,
@@ -37,7 +38,6 @@ from afl_mujoco.studies.verify.convergence import (
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 from afl_mujoco.studies.verify.explanation import (
-    Explanation,
     Judged,
     budget_curves,
     error_budget,
@@ -170,7 +170,7 @@ def judge(case: Case) -> Judged:
     }
     if scenario.plant.has_equations:
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
-        values["A5s"] = one_step_difference(ideal, sampled)
+        values["A5s"] = one_step_difference(ideal, sampled, relative=True)
         values["B1r"] = restarted_difference(ideal, loop, exact)
     part = studied(ideal)
     reference = simulate_mujoco(part, loop, "exact", timestep=STEPS[0])
@@ -192,8 +192,8 @@ def judge(case: Case) -> Judged:
         judged(values, scenario.name, controller.name),
         reported_runs(ideal, loop, runs),
         run_of(scenario, controller, deployed),
-        Explanation(budget=budget),
         moving(sampled),
+        budget,
     )
 
 
@@ -244,28 +244,6 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
     )
     states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
     return _distance(states, exact.state) if outcome.kind == exact.outcome.kind else math.inf
-
-
-def one_step_difference(scenario: Scenario, run: Trajectory) -> float:
-    """Return the largest difference of a step of a sampled run from a textbook RK4 step.
-
-    It is relative to 1 + |x|. Steps are left out in which momenta or masses jump, or rates act.
-    """
-    middles = 0.5 * (run.time[:-1] + run.time[1:])
-    disturbed = held_disturbances(scenario, run.time)
-    struck = np.asarray(disturbed.impulse.any(axis=1))
-    # one at the start of a step is in the state there, at the end of the step before
-    jumped = np.logical_and(struck, disturbed.split > 0.0)
-    jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
-    joined = np.searchsorted(middles, np.array(scenario.joins)) - 1
-    jumped[joined[(joined >= 0) & (joined < len(jumped))]] = True
-    acts = scenario.acting_rates(middles)  # their forces are held over a step, and rates kicked
-    jumped |= acts.any(axis=1)
-    jumped[:-1] |= (np.diff(acts, axis=0) != 0.0).any(axis=1)
-
-    after = held_steps(scenario, run)
-    gap = (np.abs(run.state[1:] - after) / (1.0 + np.abs(after)))[~jumped]
-    return float(gap.max(initial=0.0)) if np.isfinite(gap).all() else math.inf
 
 
 def require_comparable(scenario: Scenario) -> None:

@@ -268,15 +268,6 @@ class Omission:
     momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
 
 
-@dataclass(frozen=True, slots=True)
-class Explanation:
-    """The explanation of one case; tables are None for a run that did not complete."""
-
-    checks: tuple[Check, ...] = ()
-    budget: ErrorBudget | None = None
-    omission: Omission | None = None
-
-
 SPARSE = 0.02
 """Spacing of the instants of a replay [s]."""
 
@@ -287,8 +278,9 @@ class Judged(NamedTuple):
     checks: tuple[Check, ...]
     runs: tuple[Run, ...]
     row: Row
-    explanation: Explanation
     moving: tuple[Array, Array]  # the run as deployed on the ideal loop, for its replay
+    budget: ErrorBudget | None = None
+    omission: Omission | None = None
 
 
 def moving(run: Trajectory) -> tuple[Array, Array]:
@@ -300,19 +292,19 @@ def moving(run: Trajectory) -> tuple[Array, Array]:
 
 def explain(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory], *, full: bool
-) -> Explanation:
+) -> tuple[tuple[Check, ...], ErrorBudget | None, Omission | None]:
     """Explain the runs of one case: by the error budget, in full by all that this file has.
 
     The studies end half a second after the last breakpoint; the error budget covers the whole run.
     """
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
-        return Explanation()
+        return (), None, None
     times, names = runs["mujoco sampled"].time, (scenario.name, controller.name)
     parts = budget_curves(scenario, controller, runs)
     budget = error_budget(scenario, controller, times, parts) if parts else None
     values = {} if budget is None else {"B5": budget.residual_share}
     if not full:
-        return Explanation(judged(values, *names), budget)
+        return judged(values, *names), budget, None
     part = studied(scenario)
     reference = simulate_ode(part, controller, sample_period=STEPS[0])
     sampled, residue = sampled_study(part, controller, reference)
@@ -329,7 +321,7 @@ def explain(
         "B7": agreement,
         **{id: one.deviation(order) for id, (one, order) in orders.items() if one is not None},
     }
-    return Explanation(judged(values, *names), budget, omission)
+    return judged(values, *names), budget, omission
 
 
 def _omission(

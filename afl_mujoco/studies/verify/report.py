@@ -7,15 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Report, Section
-from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import fixed, limit, scientific, short
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.words import describe
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.cases import DEPLOYED
-from afl_mujoco.studies.tables import grouped, how, replay, requirements_matrix
+from afl_mujoco.studies.tables import as_file, grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import SOURCES
@@ -267,7 +265,6 @@ def _omissions(result: Result) -> Section:
 
 def _scenario(result: Result, scenario: Scenario, moves: bool) -> Section:
     """Return what happens in one scenario, and its runs unless they are shown already."""
-    facts = "\n".join(f"- **{label}**: {plain(text)}" for label, text in describe(scenario))
-    blocks: list[Block] = [facts, *[_replay(result, scenario)] * moves]
+    blocks: list[Block] = [as_file(scenario), *[_replay(result, scenario)] * moves]
     anchor = f"scenario-{_number(result, scenario)}"
     return Section(scenario.name, anchor, blocks, folded=True)

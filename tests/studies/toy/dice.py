@@ -85,6 +85,4 @@ def _draw(eyes: Any) -> Any:
     return figure
 
 
-STUDY = Study(
-    name="dice", title="Dice", order=99, schema=1, configuration=Options, prepare=prepare, run=run
-)
+STUDY = Study(module=__name__, name="dice", title="Dice", order=99, schema=1)
