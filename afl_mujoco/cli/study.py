@@ -26,7 +26,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.contract import Progress, Study
+from afl_mujoco.studies.contract import Interrupted, Progress, Study
 from afl_mujoco.studies.registry import find_study, listed
 
 if TYPE_CHECKING:
@@ -148,7 +148,7 @@ class StudyCommand:
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.pool import kept_processes
         from afl_mujoco.report.terminal import print_report
-        from afl_mujoco.studies.record import PAGE, Record, save_record
+        from afl_mujoco.studies.record import PAGE, Record, save_partial, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))
@@ -162,7 +162,12 @@ class StudyCommand:
             command = typed(study.name, configuration)
             if (limit := getattr(self, "call_limit", None)) is not None:
                 command += f" --call-limit {limit:g}"
-            result = study.run(request, progress=progress, **who)
+            try:
+                result = study.run(request, progress=progress, **who)
+            except Interrupted as early:
+                record = Record(study=study, result=early.result, command=command, inputs=inputs)
+                say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
+                raise
             record = Record(study=study, result=result, command=command, inputs=inputs)
 
             def film() -> None:

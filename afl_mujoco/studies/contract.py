@@ -61,6 +61,14 @@ ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by
 """Controllers by name."""
 
 
+class Interrupted(KeyboardInterrupt):
+    """A Ctrl-C during a study that keeps what it has found: a result, and how much of it."""
+
+    def __init__(self, result: Any, done: str) -> None:
+        super().__init__(done)
+        self.result, self.done = result, done
+
+
 def silent(doing: str, done: int, total: int) -> None:
     """Report no progress."""
 

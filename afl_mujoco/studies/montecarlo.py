@@ -20,10 +20,12 @@ from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
+from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.contract import (
     ControllerNames,
+    Interrupted,
     Progress,
     ScenarioName,
     Study,
@@ -100,6 +102,7 @@ class Request(NamedTuple):
     space: SampleSpace
     controllers: Sequence[Controller]
     names: Sequence[str]  # by which the controllers were asked for
+    assumed: bool = False  # whether the scenario does not say what varies
     samples: int = SAMPLES
     seed: int = 1
     deployed: Deployed = Deployed()
@@ -135,6 +138,7 @@ def prepare(options: Options) -> Request:
         names=o.controllers,
         samples=samples if o.samples is None else o.samples,
         seed=o.seed,
+        assumed=asked.ranges == FIXED,
         deployed=Deployed(o.integrator, o.timestep),
         budget=budget if o.worst_case else None,
         film=o.film,
@@ -161,6 +165,7 @@ class Result:
     # by controller, shares of the runs that pass and that settle, with exact 95 % intervals
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
     worst_cases: tuple[Worst, ...] = ()  # none if nothing was searched
+    assumed: bool = False  # whether the scenario does not say what varies
     film: bool = False  # whether the hardest samples are to be filmed
 
     @property
@@ -203,7 +208,7 @@ def run(
     cluster: str | None = None,
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
-    space, controllers, _, samples, seed, deployed, budget, _ = request
+    space, controllers, _, _, samples, seed, deployed, budget, _ = request
     total, worst = samples * len(controllers), list[Worst]()
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
@@ -211,24 +216,32 @@ def run(
             controllers, space, samples, seed, deployed, executor,
             lambda done, name: progress(f"sampling: {name}", done, total),
         )  # fmt: skip
-        for one in controllers:
-            if budget is None:
-                break
+        try:
+            for one in controllers:
+                if budget is None:
+                    break
+                most = 2 * budget.points
 
-            def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
-                progress(f"searching the worst case for {name}", done, most)
+                def advance(done: int, name: str = one.name, most: int = most) -> None:
+                    progress(f"searching the worst case for {name}", done, most)
 
-            found = search_worst(
-                one, space, runs[one.name], seed, budget, deployed, executor, advance
-            )
-            worst += [
-                replace(each, file=f"{FOLDER}/{one.name}/{FILES[each.question]}") for each in found
-            ]
+                found = search_worst(
+                    one, space, runs[one.name], seed, budget, deployed, executor, advance
+                )
+                files = [f"{FOLDER}/{one.name}/{FILES[each.question]}" for each in found]
+                worst += [replace(a, file=b) for a, b in zip(found, files, strict=True)]
+        except KeyboardInterrupt:
+            done = f"{total} samples, {len(worst)} searches"
+            raise Interrupted(_result(request, runs, worst), done) from None
+    return _result(request, runs, worst)
+
+
+def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Worst]) -> Result:
     return Result(
-        seed=seed,
-        integrator=deployed.integrator,
-        timestep=deployed.timestep,
-        space=space,
+        seed=request.seed,
+        integrator=request.deployed.integrator,
+        timestep=request.deployed.timestep,
+        space=request.space,
         rows=tuple(run for some in runs.values() for run in some),
         asked=dict(zip(runs, request.names, strict=True)),
         rates={
@@ -239,6 +252,7 @@ def run(
             for name, some in runs.items()
         },
         worst_cases=tuple(worst),
+        assumed=request.assumed,
         film=request.film,
     )
 
@@ -352,8 +366,16 @@ def _worst_cases(result: Result) -> Matrix:
 
 
 def _messages(result: Result) -> Iterator[str]:
-    """Say the first error of each controller that raised one."""
+    """Say what was assumed, which controllers pass no sample, and the first error of each."""
+    if result.assumed:
+        yield (
+            f"{result.space.scenario.name} does not say what varies, so that its ideal "
+            "imperfections are those of random laboratory hardware; a table `[ranges]` in its file "
+            "changes this."
+        )
     for name, runs in result.runs.items():
+        if all(run.failure for run in runs):
+            yield f"{name} passes no sample, so no harder one is searched for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
 

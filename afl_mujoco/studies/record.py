@@ -138,6 +138,15 @@ def save_record(
     return [path, *(folder / name for name in staged), *others]
 
 
+def save_partial(record: Record, folder: Path, done: str) -> Path:
+    """Write how much of an interrupted study was done, beside an older record."""
+    result, _ = packed(record.result)
+    path = folder / f"{record.study.stem}-partial.json"
+    content = {"partial": done, "command": record.command, "versions": dict(record.versions)}
+    write_text(path, json.dumps({**content, "result": result}, indent=1) + "\n")
+    return path
+
+
 def _digest(path: Path) -> str:
     """Return a digest of the content of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
@@ -235,15 +244,23 @@ def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record: its JSON, its files beside it, the page made of it."""
+    """Remove an older record: its JSON, its files beside it as it wrote them, the page made of it.
+
+    Only what the record itself would write again is removed, not whatever its JSON lists: a file of
+    a user's may be named there.
+    """
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is not a record"):
             listed = dict(json.loads(read_utf8(path))["files"])
+            record = load_record(study, folder)
+            shown = drawn_of(record.report.blocks)
+            drawn = {name for one in shown for name in one.files.values()}
     except FileError:
-        listed = {}
-    ours = [folder / name for name in listed if _is_of(study, name)]
-    for old in (path, folder / PAGE, *ours):  # the list first
+        listed, drawn = {}, set()
+    own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
+    ours = [name for name in listed if _is_of(study, name) and name in own]
+    for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
         remove_file(old)
 
 

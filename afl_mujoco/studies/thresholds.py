@@ -21,6 +21,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     ControllerNames,
+    Interrupted,
     Progress,
     ScenarioNames,
     Study,
@@ -32,6 +33,7 @@ from afl_mujoco.studies.robustness import (
     KNOWN,
     Settings,
     SweepUnit,
+    Swept,
     all_settled,
     find_imperfection,
     known_of,
@@ -200,38 +202,62 @@ def run(
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request
     asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
+    found: dict[int, Swept] = {}
+    units: list[SweepUnit] = []
+    bare: list[tuple[Run, ...]] = []
+    try:
+        with open_executor(workers, cluster) as executor:
+            bare = compute_all(run_bare, asked, executor)
+            sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
+            units = [unit._replace(name=name) for name in names for unit in sound]
+            progress("sweeping", 0, len(units))
+            titles = [find_imperfection(name, request.plant).title for name in names]
+            told = [f"{unit.controller.name}, {title}" for title in titles for unit in sound]
+            advance = counted(progress, "sweeping", len(units), told)
+            compute_all(sweep, units, executor, advance, kept=found)
+    except KeyboardInterrupt:
+        missing = {unit.name for place, unit in enumerate(units) if place not in found}
+        whole = tuple(name for name in names if units and name not in missing)
+        if not whole:
+            raise
+        done = f"{len(found)} of {len(units)} sweeps; whole: {', '.join(whole)}"
+        early = _result(request._replace(names=whole), bare, units, found)
+        raise Interrupted(early, done) from None
+    return _result(request, bare, units, found)
+
+
+def _result(
+    request: Request,
+    bare: Sequence[tuple[Run, ...]],
+    units: Sequence[SweepUnit],
+    found: Mapping[int, Swept],
+) -> Result:
+    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
         rows.extend(runs)
         return tuple(range(len(rows) - len(runs), len(rows)))
 
-    swept = [find_imperfection(name, request.plant) for name in names]
-    with open_executor(workers, cluster) as executor:
-        bare = compute_all(run_bare, asked, executor)
-        sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
-        units = [unit._replace(name=one.name) for one in swept for unit in sound]
-        progress("sweeping", 0, len(units))
-        told = [f"{unit.controller.name}, {one.title}" for one in swept for unit in sound]
-        advance = counted(progress, "sweeping", len(units), told)
-        found = compute_all(sweep, units, executor, advance)
-    first = {one.name: kept(runs) for one, runs in zip(controllers, bare, strict=True)}
+    first = {one.name: kept(runs) for one, runs in zip(request.controllers, bare, strict=True)}
     sweeps = [
         Sweep(
             imperfection=unit.name,
             controller=unit.controller.name,
-            reference=kept(one.reference),
-            failure=kept(one.failure),
-            survives=one.survives,
-            settles=one.settles,
-            applies=one.applies,
+            reference=kept(found[place].reference),
+            failure=kept(found[place].failure),
+            survives=found[place].survives,
+            settles=found[place].settles,
+            applies=found[place].applies,
         )
-        for unit, one in zip(units, found, strict=True)
+        for place, unit in enumerate(units)
+        if unit.name in request.names
     ]
+    swept = [find_imperfection(name, request.plant) for name in request.names]
     return Result(
-        settings=settings,
-        scenarios=scenarios,
-        imperfections=tuple(referred(one, scenarios) for one in swept),
+        settings=request.settings,
+        scenarios=request.scenarios,
+        imperfections=tuple(referred(one, request.scenarios) for one in swept),
         rows=tuple(rows),
         bare=first,
         sweeps=tuple(sweeps),
