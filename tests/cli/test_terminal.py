@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from afl_mujoco.cli import terminal
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS
 from afl_mujoco.studies.robustness import COMBINED
-from tests.program import run
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(
@@ -24,15 +21,14 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(
     assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
 
 
-def test_the_version_is_that_of_the_package(tmp_path: Path) -> None:
+def test_the_version_is_that_of_the_package(command_line) -> None:
     from afl_mujoco import __version__
 
-    done = run("--version", cwd=tmp_path)
-    assert (done.returncode, done.stdout) == (0, f"afl-mujoco {__version__}\n")
+    assert command_line("--version") == (0, f"afl-mujoco {__version__}\n", "")
 
 
-def test_nothing_is_meant_by_an_option_of_another_command(tmp_path: Path) -> None:
-    assert "did you mean" not in run("report", "--out", "x", cwd=tmp_path).stderr
+def test_nothing_is_meant_by_an_option_of_another_command(command_line) -> None:
+    assert "did you mean" not in command_line("report", "--out", "x")[2]
 
 
 def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
@@ -43,13 +39,13 @@ def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
 
 
 @pytest.mark.parametrize("command", ["compare", "attraction", "simulate"])
-def test_help_does_not_say_a_default_that_says_nothing(command: str, tmp_path: Path) -> None:
-    said = " ".join(run(*command.split(), "--help", cwd=tmp_path).stdout.split())
+def test_help_does_not_say_a_default_that_says_nothing(command: str, command_line) -> None:
+    said = " ".join(command_line(command, "--help")[1].split())
     assert "default: " in said
     for nothing in ("None", "default: False", "default: True"):
         assert nothing not in said
 
 
-def test_the_help_of_thresholds_lists_the_imperfections(tmp_path: Path) -> None:
-    said = "".join(run("thresholds", "--help", cwd=tmp_path).stdout.split())
+def test_the_help_of_thresholds_lists_the_imperfections(command_line) -> None:
+    said = "".join(command_line("thresholds", "--help")[1].split())
     assert ",".join((*(one.name for one in IMPERFECTIONS), COMBINED.name)) in said.replace("│", "")

@@ -56,17 +56,11 @@ def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, insta
     assert os.environ["PYOPENGL_PLATFORM"] == platform  # MuJoCo refuses to draw with another
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ("nonsense", "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "),
-        ("glx", "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "),
-    ],
-)
-def test_a_backend_that_mujoco_does_not_know_is_one_line(tmp_path, asked, message):
-    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL=asked)
+def test_a_backend_that_mujoco_does_not_know_is_one_line(tmp_path):
+    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="glx")
     assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr.startswith(message) and result.stderr.endswith(f", got {asked}\n")
+    message = "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "
+    assert result.stderr.startswith(message) and result.stderr.endswith(", got glx\n")
     assert result.stderr.count("\n") == 1
 
 
