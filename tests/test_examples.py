@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
+import shutil
 import sys
 import types
 from pathlib import Path
@@ -17,13 +17,12 @@ from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.record import load_record
 from afl_mujoco.studies.registry import find_study
-from tests.program import run as start
+from tests import program
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "examples"
-SHORT = "duration = 0.3\n"
 
 BROKEN = """
 import math
@@ -54,35 +53,27 @@ SAID = {
 }
 
 COMMANDS = {
-    "exact": ["simulate", "--simulator", "exact", "--controller"],
-    "continuous": ["simulate", "--simulator", "continuous", "--controller"],
-    "sampled": ["simulate", "--simulator", "sampled", "--controller"],
+    "simulate": ["simulate", "--simulator", "sampled", "--controller"],
     # a second controller, so that there is work for two processes
     "validate": ["validate", "--workers", "2", "--controllers", "fixed"],
     "render": ["render", "--size", "160x128", "--fps", "10", "--workers", "2", "--controllers"],
 }
 
 
-def program(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run a command that leaves no byte code beside the controllers that it imports."""
-    return start(*arguments, cwd=folder, PYTHONPATH=str(ROOT), PYTHONDONTWRITEBYTECODE="1")
-
-
-def arguments_of(command: str, controller: str, scenario: Path, out: Path) -> list[str]:
+def arguments_of(command: str, controller: str) -> list[str]:
     controller = f"fixed,{controller}" if command == "render" else controller
     name, *rest = COMMANDS[command]
-    return [name, str(scenario), *rest, controller, "--out", str(out)]
+    return [name, "short.toml", *rest, controller, "--out", "out"]
 
 
-@pytest.fixture
-def scenario(tmp_path: Path) -> Path:
-    path = tmp_path / "short.toml"
-    path.write_text(SHORT)
-    return path
-
-
-def files(folder: Path) -> list[Path]:
-    return [path for path in folder.rglob("*") if path.is_file()]
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working folder with a short scenario, the example, and controllers that go wrong."""
+    (tmp_path / "short.toml").write_text("duration = 0.3\n")
+    (tmp_path / "broken.py").write_text(BROKEN)
+    shutil.copy(EXAMPLES / "own_controller.py", tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    return tmp_path
 
 
 def test_the_example_has_ten_lines() -> None:
@@ -92,67 +83,56 @@ def test_the_example_has_ten_lines() -> None:
     assert len(body) <= 10
 
 
-def test_the_first_comparison_says_who_meets_the_requirements(tmp_path: Path) -> None:
+def test_the_first_comparison_says_who_meets_the_requirements(folder: Path) -> None:
+    """As a user starts it."""
     controllers = ("lqr", "adaptive", "own_controller:Integrating")
-    run = program(
-        EXAMPLES, "compare", "rig.toml", "--controllers", *controllers, "--out", str(tmp_path)
-    )
+    arguments = ("compare", "rig.toml", "--controllers", *controllers, "--out", str(folder))
+    run = program.run(*arguments, cwd=EXAMPLES, PYTHONDONTWRITEBYTECODE="1")
     assert (run.returncode, run.stderr) == (1, "")
     last = run.stdout.splitlines()[-1]
     assert last.startswith("1 OF 3 PASS: lqr 10 of 10 draws · adaptive 0 of 10 draws · own")
-    result = json.loads((tmp_path / "compare.json").read_text())
+    result = json.loads((folder / "compare.json").read_text())
     outcomes = {one["controller"]: one["outcome"] for one in result["rows"]}
     assert outcomes == dict.fromkeys(("lqr", "adaptive", "own_controller.Integrating"), "completed")
 
 
 @pytest.mark.parametrize("mode", ["exact", "continuous", "sampled"])
-def test_the_example_balances_in_every_mode(mode: str, tmp_path: Path) -> None:
-    arguments = (
-        "--simulator",
-        mode,
-        "--controller",
-        "own_controller:force",
-        "--out",
-        str(tmp_path),
-    )
-    run = program(EXAMPLES, "simulate", "step-step", *arguments)
-    assert (run.returncode, run.stderr) == (0, "")
-    saved = Trajectory.load(tmp_path / f"step-step-own_controller.force-{mode}.npz")
+def test_the_example_balances_in_every_mode(mode: str, folder: Path, command_line) -> None:
+    asked = ("--simulator", mode, "--controller", "own_controller:force", "--no-page")
+    code, _, errors = command_line("simulate", "step-step", *asked, "--out", "out")
+    assert (code, errors) == (0, "")
+    saved = Trajectory.load(folder / "out" / f"step-step-own_controller.force-{mode}.npz")
     assert str(saved.outcome) == "completed"
     assert abs(saved.state[-1]).max() < 0.01
     assert saved.provenance["controller"]["function"] == "own_controller.force"
 
 
-def test_the_example_is_validated(scenario: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    run = program(EXAMPLES, *arguments_of("validate", "own_controller:force", scenario, out))
-    assert (run.returncode, run.stderr) == (0, "")
-    report = json.loads((out / "report.json").read_text())
+def test_the_example_is_validated(folder: Path, command_line) -> None:
+    code, _, errors = command_line(*arguments_of("validate", "own_controller:force"))
+    assert (code, errors) == (0, "")
+    report = json.loads((folder / "out" / "report.json").read_text())
     judged = {c["id"] for c in report["checks"] if c["controller"] == "own_controller.force"}
     assert judged == {"A5", "B1", "B2b", "B3", "B5"}
-    assert "own_controller.force" in (out / "report.html").read_text()
+    assert "own_controller.force" in (folder / "out" / "report.html").read_text()
 
 
-def test_the_example_is_filmed(graphics: None, scenario: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    run = program(EXAMPLES, *arguments_of("render", "own_controller:force", scenario, out))
-    assert (run.returncode, run.stderr) == (0, "")
-    assert (out / "short-own_controller.force.mp4").stat().st_size > 1000
+def test_the_example_is_filmed(graphics: None, folder: Path, command_line) -> None:
+    code, _, errors = command_line(*arguments_of("render", "own_controller:force"))
+    assert (code, errors) == (0, "")
+    assert (folder / "out" / "short-own_controller.force.mp4").stat().st_size > 1000
 
 
-def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text("duration = 2.0\n")
-    (tmp_path / "broken.py").write_text(BROKEN)
-    example = (EXAMPLES / "own_controller.py").read_text()
-    (tmp_path / "own_controller.py").write_text(example)
-    run = program(
-        tmp_path, "thresholds", "short.toml", "--controllers", "own_controller:force",
-        "broken:raises",
+def test_the_example_has_a_threshold_and_a_broken_controller_fails(
+    folder: Path, command_line
+) -> None:
+    (folder / "short.toml").write_text("duration = 2.0\n")
+    code, _, errors = command_line(
+        "thresholds", "short.toml", "--controllers", "own_controller:force", "broken:raises",
         "--imperfections", "input_limit", "--seeds", "1", "--scan", "2", "--tolerance", "1",
-        "--out", "out",
+        "--no-page", "--out", "out",
     )  # fmt: skip
-    assert (run.returncode, run.stderr) == (0, "")
-    found = load_record(find_study("thresholds"), tmp_path / "out").result
+    assert (code, errors) == (0, "")
+    found = load_record(find_study("thresholds"), folder / "out").result
     (mine,) = found.sweeps
     (broken,) = found.runs(found.bare["broken.raises"])
     assert mine.survives.holds_at > 50.0  # it needs more than the reference hardware has
@@ -164,31 +144,23 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(tmp_path: Pat
 @pytest.mark.parametrize(
     ("command", "controller"),
     [
-        *(("sampled", controller) for controller in SAID),
-        *((command, "raises") for command in COMMANDS if command != "sampled"),
-        *((command, "hangs") for command in ("validate", "render")),
+        *(("simulate", controller) for controller in SAID),
+        *((command, how) for command in ("validate", "render") for how in ("raises", "hangs")),
     ],
 )
 def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
-    command: str, controller: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
+    command: str, controller: str, folder: Path, command_line, request: pytest.FixtureRequest
 ) -> None:
     if command == "render":
         request.getfixturevalue("graphics")
-    (tmp_path / "broken.py").write_text(BROKEN)
-    before = files(tmp_path)
-    run = program(
-        tmp_path, *arguments_of(command, f"broken:{controller}", scenario, tmp_path / "out")
-    )
-    assert run.returncode == 2
-    assert run.stdout == ""
-    assert run.stderr.startswith(f"afl-mujoco: {SAID[controller]}")
-    assert len(run.stderr.splitlines()) == 1
-    kept = {path.name for path in files(tmp_path)} - {path.name for path in before}
-    if (
-        command == "render" and kept
-    ):  # the film of the other controller was finished first, and listed
+    code, output, errors = command_line(*arguments_of(command, f"broken:{controller}"))
+    assert (code, output) == (2, "")
+    assert errors.startswith(f"afl-mujoco: {SAID[controller]}")
+    assert len(errors.splitlines()) == 1
+    kept = {path.name for path in (folder / "out").rglob("*") if path.is_file()}
+    if command == "render" and kept:  # the film of the other was finished first, and listed
         assert kept == {"short-fixed.mp4", "short-fixed.png", "films.json"}
-        index = json.loads((tmp_path / "out" / "films.json").read_text())
+        index = json.loads((folder / "out" / "films.json").read_text())
         assert [film["file"] for film in index["films"]] == ["short-fixed.mp4"]
     else:
         assert not kept
@@ -196,22 +168,19 @@ def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_controller_without_a_force_ends_the_run_and_the_result_says_so(
-    command: str, scenario: Path, tmp_path: Path, request: pytest.FixtureRequest
+    command: str, folder: Path, command_line, request: pytest.FixtureRequest
 ) -> None:
     if command == "render":
         request.getfixturevalue("graphics")
-    (tmp_path / "broken.py").write_text(BROKEN)
-    out = tmp_path / "out"
-    run = program(tmp_path, *arguments_of(command, "broken:nothing", scenario, out))
-    assert run.returncode == (0 if command == "render" else 1)
-    assert run.stderr == ""
+    code, output, errors = command_line(*arguments_of(command, "broken:nothing"))
+    assert (code, errors) == (0 if command == "render" else 1, "")
     if command == "validate":
-        runs = json.loads((out / "report.json").read_text())["runs"]
+        runs = json.loads((folder / "out" / "report.json").read_text())["runs"]
         ended = {r["outcome"] for r in runs if r["controller"] == "broken.nothing"}
         assert ended == {"diverged at t = 0 s"}
-        assert "broken.nothing" in (out / "report.html").read_text()
-    elif command != "render":
-        assert "diverged at t = 0 s" in run.stdout
+        assert "broken.nothing" in (folder / "out" / "report.html").read_text()
+    elif command == "simulate":
+        assert "diverged at t = 0 s" in output
 
 
 def test_a_learned_policy_runs_as_a_controller(monkeypatch: pytest.MonkeyPatch) -> None:
