@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -108,14 +108,3 @@ def _slopes(t: float, x: np.ndarray, rig: Rig, wanted: float, pushed: float) -> 
         ml * rig.gravity * sin - rig.hinge_damping * w,
     ]
     return [v, w, *np.linalg.solve(mass, loads), (wanted - force) / rig.lag]
-
-
-def largest(rig: Rig, law: Law, name: str, holds: float, fails: float, tolerance: float) -> float:
-    """The level of a field between one that is survived and one that is not, by bisection."""
-    while abs(math.log(fails / holds)) > math.log1p(tolerance):
-        middle = math.sqrt(holds * fails)
-        if move(replace(rig, **{name: middle}), law).fell:
-            fails = middle
-        else:
-            holds = middle
-    return fails

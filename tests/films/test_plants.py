@@ -67,9 +67,9 @@ def seen(scene, replay, path) -> np.ndarray:
 def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
     scenario, frame = replace(scenario_of(name), duration=2.0), Frame()
     controller = still(scenario.plant) if falls else afl.CONTROLLERS["lqr"]
-    replay = record(scenario, controller, Deployment(), 10)
+    replay = record(scenario, controller, Deployment(), 4)
     with open_scene(replay, SIZE) as scene:
-        (path,) = scene.paths([replay], 10, SIZE, frame)
+        (path,) = scene.paths([replay], 4, SIZE, frame)
         top, left, bottom, right = seen(scene, replay, path)
     width, height = SIZE
     assert top >= frame.top * height - 2 and bottom <= (1.0 - frame.bottom) * height + 2
@@ -80,7 +80,7 @@ def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
         assert max(across, upright) > 0.75  # boxes around what is round take the rest
 
 
-@pytest.mark.parametrize("beside", [1, 2, 3])
+@pytest.mark.parametrize("beside", [1, 3])
 @pytest.mark.parametrize("name", RUNS)
 def test_a_film_of_any_plant_is_made(graphics, name, beside, tmp_path):
     scenario = replace(scenario_of(name), duration=0.2)

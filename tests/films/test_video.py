@@ -40,7 +40,7 @@ def films(growing):
     return plan([growing], CONTROLLERS[:2], size=SIZE, fps=30)
 
 
-@pytest.mark.parametrize("beside", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("beside", [1, 3, 5])
 def test_a_film_decodes_with_each_of_its_frames(graphics, growing, tmp_path, beside):
     film = side_by_side(growing, CONTROLLERS[:beside], size=SIZE)
     (file,) = make_films([film], tmp_path)

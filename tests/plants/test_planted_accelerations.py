@@ -73,7 +73,7 @@ MISTAKES = {
 
 
 @pytest.mark.parametrize("mistake", MISTAKES)
-def test_a_mistake_in_accelerations_is_found_and_named(mistake: str) -> None:
+def test_a_mistake_in_accelerations_is_found_and_named(mistake: str, interpreted) -> None:
     old, new, said = MISTAKES[mistake]
     space = {"__name__": "planted"}
     assert old in SOURCE

@@ -194,7 +194,7 @@ def found(folder: Path, file: str, old: str, new: str) -> str:
 
 
 @pytest.fixture(autouse=True)
-def own_modules(monkeypatch: pytest.MonkeyPatch) -> None:
+def own_modules(monkeypatch: pytest.MonkeyPatch, interpreted: None) -> None:
     """Leave neither modules nor places to look for them behind."""
     monkeypatch.setattr(sys, "path", [*sys.path])
     for name in (CART, QUAD, TWO):

@@ -9,6 +9,8 @@ import afl_mujoco as afl
 from afl_mujoco.plants.plant import Plant
 from tests.plants.plants import known
 
+pytestmark = pytest.mark.usefixtures("interpreted")
+
 ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <joint name="arm" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
 </body></worldbody></mujoco>"""
