@@ -30,11 +30,10 @@ def python(*arguments: str | Path, **options: object) -> str:
     return run.stdout
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+@pytest.fixture
+def installed(tmp_path: Path) -> Path:
     """The folder where a wheel, built from the source distribution, is installed."""
-    dist = tmp_path_factory.mktemp("dist")
-    target = tmp_path_factory.mktemp("elsewhere")
+    dist, target = tmp_path / "dist", tmp_path / "elsewhere"
     python("-m", "build", "--no-isolation", "--outdir", dist, ROOT)
     (wheel,) = dist.glob("*.whl")
     python("-m", "pip", "install", "--quiet", "--no-deps", "--target", target, wheel)
@@ -42,14 +41,11 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_a_wheel_installed_elsewhere_finds_its_models(installed: Path, tmp_path: Path) -> None:
+def test_a_wheel_installed_elsewhere_is_complete(installed: Path, tmp_path: Path) -> None:
     environment = {**os.environ, "PYTHONPATH": str(installed)}
     home, mass = python("-c", PROGRAM, cwd=tmp_path, env=environment).split()
     assert Path(home).is_relative_to(installed)
-    assert float(mass) == pytest.approx(1.37, rel=1e-12)
-
-
-def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
+    assert float(mass) == pytest.approx(1.37, rel=1e-12)  # it finds its models
     expected = {
         *(
             path.relative_to(ROOT)
@@ -61,10 +57,6 @@ def test_a_wheel_carries_every_model_and_data_file(installed: Path) -> None:
     assert expected
     assert [path for path in sorted(expected) if not (installed / path).is_file()] == []
     assert not (installed / "research").exists()
-
-
-@pytest.mark.slow
-def test_a_wheel_names_its_environments_to_gymnasium(installed: Path) -> None:
     distribution = Distribution.at(*installed.glob("afl_mujoco-*.dist-info"))
     (entry,) = distribution.entry_points.select(group="gymnasium.envs")
     assert (entry.name, entry.load()) == ("afl_mujoco", register)
