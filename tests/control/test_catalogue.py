@@ -77,16 +77,6 @@ def test_a_true_belief_passes_everything_on(adaptive):
     np.testing.assert_allclose(inputs[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
 
 
-def test_every_way_to_the_force_gives_the_same_bits(random_states, odd_parameters, controller):
-    p = odd_parameters
-    count = len(random_states)
-    inputs = controller.inputs_along_run(
-        np.full(count, p.cart_mass), np.full(count, p.half_length), p.pole_mass, p.gravity
-    )
-    one_by_one = [controller.force(state, p) for state in random_states]
-    np.testing.assert_array_equal(controller.forces(random_states, inputs), one_by_one)
-
-
 def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
     falling = GainFunction(
         switching=(110, 0, 0, 0, 0), slope=(1.0, -1.0, 1.0, 0, 0), boundary_layer=(99, 0, 0, 0, 0)

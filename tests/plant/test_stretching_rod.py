@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 import sympy as sp
 
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
@@ -41,23 +40,19 @@ def lagrangian_accelerations():
     return sp.lambdify(arguments, [solved[s] for s in second])
 
 
-@pytest.fixture(scope="module")
-def derived():
-    return lagrangian_accelerations()
-
-
 def random_case(rng):
     low = (-1.5, -5.0, -100.0, 0.1, 0.01, 0.05, 1.0, -1.0)
     high = (1.5, 5.0, 100.0, 2.0, 0.5, 1.0, 20.0, 1.0)
     return rng.uniform(low, high)
 
 
-@pytest.mark.parametrize("seed", range(50))
-def test_accelerations_are_those_of_the_lagrangian_with_l_of_t(derived, seed):
-    case = random_case(np.random.default_rng(seed))
-    expected = np.array(derived(*case))
-    scale = 1.0 + np.abs(expected)
-    assert (np.abs(np.array(stretching_accelerations(*case)) - expected) <= ROUND_OFF * scale).all()
+def test_accelerations_are_those_of_the_lagrangian_with_l_of_t():
+    derived = lagrangian_accelerations()
+    for seed in range(50):
+        case = random_case(np.random.default_rng(seed))
+        expected = np.array(derived(*case))
+        off = np.abs(np.array(stretching_accelerations(*case)) - expected)
+        assert (off <= ROUND_OFF * (1.0 + np.abs(expected))).all(), seed
 
 
 def test_without_a_rate_it_is_the_paper_s_plant():

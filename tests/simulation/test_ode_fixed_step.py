@@ -20,7 +20,6 @@ from afl_mujoco import (
 )
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
@@ -96,33 +95,6 @@ def test_the_held_loop_tends_to_the_continuous_one_in_the_first_order(smooth_sce
         for h in sizes
     ]
     assert 0.9 <= np.polyfit(np.log(sizes), np.log(errors), 1)[0] <= 1.1  # B4
-
-
-@pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
-def test_a_run_that_starts_fallen_says_so(simulate, smooth_scenario, adaptive):
-    run = simulate(replace(smooth_scenario, initial_state=(0, -1.6, 0, 0)), adaptive)
-    assert str(run.outcome) == "fell at t = 0 s"
-    assert run.state.tolist() == [[0, -1.6, 0, 0]]
-    if simulate is simulate_ode_held:  # no period began
-        assert run.force.tolist() == [0.0]
-
-
-@pytest.mark.parametrize("simulate", [simulate_ode_rk4, simulate_ode_held], ids=["rk4", "held"])
-def test_a_runaway_ends_without_a_nan(simulate, smooth_scenario):
-    scenario = replace(smooth_scenario, initial_state=(0, 0, 0, 9e5), duration=0.1)
-    run = simulate(scenario, CONTROLLERS["fixed"])
-    assert run.outcome.kind != "completed"
-    assert np.isfinite(run.state).all()
-
-
-def test_steps_that_do_not_fit_are_refused(smooth_scenario, adaptive):
-    with pytest.raises(InvalidValueError) as caught:
-        simulate_ode_held(smooth_scenario, adaptive, timestep=0.003, control_period=0.01)
-    assert str(caught.value) == "timestep 0.003 s must divide control_period 0.01 s"
-    with pytest.raises(AflMujocoError, match=r"^control_period must be positive"):
-        simulate_ode_held(smooth_scenario, adaptive, control_period=0.0)
-    with pytest.raises(AflMujocoError, match=r"^substeps must be"):
-        simulate_ode_held(smooth_scenario, adaptive, substeps=0)
 
 
 @pytest.mark.parametrize("kind", ["smooth_scenario", "odd_scenario"])
