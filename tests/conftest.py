@@ -121,11 +121,12 @@ def command_line(tmp_path, monkeypatch, capsys):
 
 
 @pytest.fixture(autouse=True)
-def controller_files_are_forgotten(tmp_path):
+def controller_files_are_forgotten(tmp_path_factory):
     """A controller file of one test is not the one that the next test means by the same name."""
-    path = [*sys.path]
+    path, known = [*sys.path], {*sys.modules}
     yield
     sys.path[:] = path
-    for name, module in [*sys.modules.items()]:
-        if str(getattr(module, "__file__", None)).startswith(str(tmp_path)):
+    folder = str(tmp_path_factory.getbasetemp())
+    for name in sys.modules.keys() - known:
+        if str(getattr(sys.modules[name], "__file__", None)).startswith(folder):
             del sys.modules[name]

@@ -6,7 +6,6 @@ import io
 import json
 import struct
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -70,15 +69,6 @@ def test_whatever_a_block_fails_on_names_the_file(block: Callable[[], object], s
     assert str(raised.value).startswith("x.json is no study: ") and said in str(raised.value)
     assert str(raised.value).endswith(": make it anew")
     assert len(str(raised.value).splitlines()) == 1
-
-
-def test_what_the_system_refuses_is_said_in_its_words(tmp_path: Path) -> None:
-    path = tmp_path / "x.json"
-    with (
-        pytest.raises(FileError, match=r"x\.json cannot be read: no such file"),
-        reading(path, "is no study"),
-    ):
-        path.read_text()
 
 
 def test_a_sound_file_and_a_mistake_of_the_program_pass() -> None:

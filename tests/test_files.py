@@ -129,10 +129,16 @@ def test_an_output_folder_is_made_or_refused(tmp_path: Path) -> None:
         output_folder(tmp_path / "file")
 
 
-def test_a_path_with_a_nul_is_an_error_of_one_line(tmp_path: Path) -> None:
-    for use in (output_folder, lambda path: write_text(path, "")):
-        with pytest.raises(FileError, match=r"a\\x00b must not contain a NUL character$"):
-            use(tmp_path / "a\0b")
+@pytest.mark.parametrize(
+    "use",
+    [
+        output_folder, lambda path: write_text(path, ""), afl.load_scenario, afl.find_scenario,
+        lambda path: afl.save_scenario(afl.SCENARIOS["nominal"], path),
+    ],
+)  # fmt: skip
+def test_a_path_with_a_nul_is_an_error_of_one_line(use, tmp_path: Path) -> None:
+    with pytest.raises(FileError, match=r"a\\x00b.toml must not contain a NUL character$"):
+        use(f"{tmp_path}/a\0b.toml")
 
 
 @pytest.fixture(params=["pipe", "device", "endless link"])

@@ -1,7 +1,5 @@
 """A scenario survives its file; a file that breaks a rule is answered with file, key and value."""
 
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +7,7 @@ from hypothesis import strategies as st
 
 import afl_mujoco as afl
 from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, save_scenario
-from afl_mujoco.errors import AflMujocoError, FileError
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.belief import Assumed, Belief
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.files import find_scenario
@@ -67,7 +65,7 @@ def scenarios(draw):
 def test_any_scenario_survives_its_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("round trip") / "s.toml"
 
-    @settings(derandomize=True, max_examples=100, deadline=None)
+    @settings(derandomize=True, max_examples=60, deadline=None)
     @given(scenario=scenarios())
     def survives(scenario):
         save_scenario(scenario, path)
@@ -125,19 +123,12 @@ HIT = "[[disturbances]]\nshape = "
     ("text", "message"),
     [
         ("", "must have at least one key: it is empty or all comments"),
-        ("# to do", "must have at least one key: it is empty or all comments"),
         ("half_length = 1", "half_length is not a known key; it is now [schedule] half_length"),
         ("delay = 1", "delay is not a known key; it belongs in [imperfections]"),
-        ("gravity = 9.81", "gravity is not a known key; it is now [schedule] gravity"),
         (
             "[imperfections]\nnoise_phi = 1e-3",
             "imperfections.noise_phi is not a known key; it is now noise = { phi = ... }",
         ),
-        (
-            "[ranges]\nrail_friction = [0, 1]",
-            "ranges.rail_friction is not a known key; it is now dry_friction = { z = ... }",
-        ),
-        ("momentum = 1", "momentum is not a known key; it belongs in [[disturbances]]"),
         (
             "[schedule]\nduration = 1",
             "schedule name must be one of cart_mass, pole_mass, half_length, gravity, got 'dur",
@@ -170,23 +161,14 @@ HIT = "[[disturbances]]\nshape = "
         ),
         ("schedule.pole_mass = nan", "schedule.pole_mass.value must be finite, got nan"),
         ("schedule.pole_mass = '1'", "schedule.pole_mass must be a number or a table, got '1'"),
-        ("schedule.gravity = true", "schedule.gravity must be a number or a table, got True"),
         ("duration = 2024-01-01", "duration must be a number, got "),
         ("schedule.pole_mass = 1" + 400 * "0", "schedule.pole_mass.value must be a number"),
         ("name = 3", "name must be text, got 3"),
         ("initial_state = 3", "initial_state must be a table by name or a list, got 3"),
         ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
         ("schedule = 3", "schedule must be a table, got 3"),
-        (
-            'schedule.half_length = "1.5"',
-            "schedule.half_length must be a number or a table, got '1.5'",
-        ),
         ("schedule.cart_mass = true", "schedule.cart_mass must be a number or a table, got True"),
-        ("[schedule]\nmass = 1", "schedule name must be one of cart_mass, "),
-        ("[schedule]\ncart_mass = -1.0", "schedule.cart_mass must be positive, got -1.0"),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
-        ("[schedule.cart_mass]", "schedule.cart_mass.shape must be one of "),
-        (TABLE + "'constant'", "schedule.cart_mass.value is missing"),
         (
             TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
             "schedule.cart_mass.times must increase, got 3.0 after 5.0",
@@ -201,10 +183,6 @@ HIT = "[[disturbances]]\nshape = "
             "schedule.cart_mass.low must be finite, got nan",
         ),
         (
-            TABLE + "'constant'\nvalue = 'heavy'",
-            "schedule.cart_mass.value must be a number, got 'heavy'",
-        ),
-        (
             TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
             "schedule.cart_mass.pieces[0].values is missing",
         ),
@@ -215,7 +193,6 @@ HIT = "[[disturbances]]\nshape = "
             HIT + "'impulse'\nmomentum = inf\ntime = 1",
             "disturbances[0].momentum must be finite, got inf",
         ),
-        (HIT + "'impulse'\nmomentum = 1", "disturbances[0].time is missing"),
         (
             HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
             "disturbance must end within the duration 20.0 s, got 21.0",
@@ -230,7 +207,6 @@ HIT = "[[disturbances]]\nshape = "
             "is not valid TOML: Invalid value (at line 2, column 18); values are written true, ",
         ),
         ("duration = " + 5000 * "1", "must not hold a whole number of so many digits"),
-        ("duration = 0x" + 5000 * "f", "must not hold a whole number of so many digits"),
         ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),
     ],
     ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
@@ -243,29 +219,6 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     said = str(caught.value)
     assert said.startswith(f"{path}: {message}") or said.startswith(f"{path} {message}")
     assert "\n" not in said
-
-
-@pytest.mark.parametrize(
-    ("make", "reason"),
-    [
-        (lambda path: None, "cannot be read: no such file or directory"),
-        (lambda path: path.mkdir(), "cannot be read: is a directory"),
-        (lambda path: path.write_bytes(bytes(range(256))), "cannot be read: not UTF-8 text"),
-    ],
-    ids=["missing", "folder", "binary"],
-)
-def test_a_file_that_cannot_be_read_is_said_so(make, reason, tmp_path):
-    path = tmp_path / "x.toml"
-    make(path)
-    with pytest.raises(FileError) as caught:
-        load_scenario(path)
-    assert str(caught.value) == f"{path} {reason}"
-
-
-def test_a_path_with_a_nul_is_refused(tmp_path):
-    for use in (load_scenario, find_scenario, partial(save_scenario, SCENARIOS["nominal"])):
-        with pytest.raises(AflMujocoError, match=r"a\\x00b.toml must not contain a NUL character$"):
-            use(f"{tmp_path}/a\0b.toml")
 
 
 def test_find_takes_a_name_or_a_file(tmp_path):

@@ -66,7 +66,7 @@ def test_a_piece_ends_where_the_next_starts_even_when_clocks_do_not_add_up_exact
     assert (schedule.at(0.2), schedule.at(0.4)) == (1.0, 3.0)
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=80, deadline=None)
 @given(schedule=schedules(), times=st.lists(st.floats(-2, 12), min_size=1, max_size=8))
 def test_piece_call_and_at_agree_everywhere(schedule, times):
     times = [*times, *schedule.times]
@@ -75,7 +75,7 @@ def test_piece_call_and_at_agree_everywhere(schedule, times):
     assert [schedule.piece(t)[0] for t in times] == at
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=80, deadline=None)
 @given(schedule=schedules(), fraction=st.floats(0.01, 0.99))
 def test_one_piece_holds_from_breakpoint_to_breakpoint(schedule, fraction):
     cuts = [-1.0, *schedule.breakpoints, 12.0]
@@ -87,7 +87,7 @@ def test_one_piece_holds_from_breakpoint_to_breakpoint(schedule, fraction):
         assert schedule.before(end) == pytest.approx(value + slope * (end - start), abs=tolerance)
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=80, deadline=None)
 @given(first=schedules(), second=schedules(), start=EIGHTHS, gap=st.integers(1, 40))
 def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
     change = start + gap / 8

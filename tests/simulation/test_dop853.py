@@ -17,7 +17,14 @@ from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.trajectory import criterion_of
 
-SCENARIO = replace(afl.SCENARIOS["step-trapezoid-impulse"], duration=12.0)
+SCENARIO = replace(
+    afl.SCENARIOS["step-trapezoid"],
+    disturbances=(
+        afl.ForcePulse(force=-10.0, start=1.5, duration=0.1),
+        afl.Impulse(momentum=0.3, time=2.5),
+    ),
+    duration=4.0,
+)
 PAPER = ParameterChange()
 WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
 
@@ -32,7 +39,7 @@ def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
 
 
 @pytest.mark.parametrize("change", [PAPER, WHOLE], ids=["paper", "stretching rod"])
-@pytest.mark.parametrize("name", ["adaptive", "adaptive-nominal", "lqr", "pole-placement"])
+@pytest.mark.parametrize("name", ["adaptive", "adaptive-nominal", "lqr"])
 def test_the_reference_is_scipys_to_its_tolerance(name, change):
     controller = afl.CONTROLLERS[name]
     run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **change.describe())

@@ -9,7 +9,7 @@ import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfections
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 
-LEVELS = 7
+LEVELS = 4
 
 FAST = afl.Scenario(
     name="fast",

@@ -74,14 +74,6 @@ def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptiv
     assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
 
 
-def test_the_order_of_the_runs_changes_no_bit(scenarios, adaptive, rng):
-    forward = run_rollouts(scenarios, adaptive, **SETTINGS)
-    order = rng.permutation(len(scenarios))
-    shuffled = run_rollouts([scenarios[i] for i in order], adaptive, **SETTINGS)
-    for name in FIGURES:
-        assert getattr(shuffled, name).tobytes() == getattr(forward, name)[order].tobytes()
-
-
 def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
     scenarios, adaptive, tmp_path
 ):

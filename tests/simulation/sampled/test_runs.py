@@ -111,9 +111,14 @@ def impulse_in(scenario, k):
     return next((one for one in hits if int(1e3 * one.time) == k), None)
 
 
-@pytest.mark.parametrize("integrator", ["RK4", "Euler", "implicit"])
-@pytest.mark.parametrize("hold", [1, 5, 7], ids=str)
-@pytest.mark.parametrize("name", ["adaptive", "fixed-nominal", "lqr"])
+@pytest.mark.parametrize(
+    ("name", "hold", "integrator"),
+    [
+        *(("adaptive", hold, "RK4") for hold in (1, 5, 7)),
+        *((name, 5, "Euler") for name in ("fixed-nominal", "lqr")),
+        ("lqr", 7, "implicit"),
+    ],
+)
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, integrator):
     controller, settings = (
         CONTROLLERS[name],
@@ -171,61 +176,7 @@ def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
     assert compiled.outcome.kind == "completed"
 
 
-def test_a_controller_in_python_gets_time_state_and_belief(odd_scenario, odd_parameters):
-    seen = []
-
-    def function(time, state, belief):
-        seen.append((time, state.tolist(), belief))
-        return 0.5
-
-    controller = PythonController(name="watcher", function=function)
-    period = {"control_period": 0.005}
-    run = simulate_mujoco(replace(odd_scenario, duration=0.6), controller, "sampled", **period)
-    times = [0.005 * k for k in range(len(seen))]
-    assert [entry[0] for entry in seen] == pytest.approx(times, abs=1e-12)
-    assert [entry[1] for entry in seen] == run.state[:-1:5].tolist()
-    truth = [odd_scenario.parameters_at(round(0.005 * k, 9)) for k in range(len(seen))]
-    assert [entry[2] for entry in seen] == truth
-    assert (run.force == 0.5).all()
-    seen.clear()
-    fixed = replace(controller, belief=odd_parameters)
-    simulate_mujoco(replace(odd_scenario, duration=0.6), fixed, "sampled", **period)
-    assert {entry[2] for entry in seen} == {odd_parameters}
-
-
 # Each departure is where it should be
-
-
-def test_the_lag_is_mujoco_s_own_filter_as_the_step_shrinks(smooth_scenario, adaptive):
-    """MuJoCo's filter integrates the lag by RK4, and so is of order 4 where it may be used."""
-    lag, control_period = 0.006, 0.004
-    errors = []
-    for h in (2e-3, 1e-3, 5e-4):
-        real = Imperfections(lag=lag, control_period=control_period)
-        scenario = replace(smooth_scenario, imperfections=real)
-        run = simulate_mujoco(scenario, adaptive, "sampled", timestep=h)
-        states = _filtered_by_mujoco(smooth_scenario, adaptive, lag, control_period, h)
-        errors.append(np.abs(run.state[-1] - states[-1]).max())
-    assert errors[1] < 1e-3
-    assert 1.8 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 2.2
-
-
-def _filtered_by_mujoco(scenario, controller, lag, control_period, h):
-    def edit(spec):
-        actuator = spec.actuator("force")
-        actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTER
-        actuator.dynprm[0] = lag
-
-    plant = scenario.parameters_at(0.0)
-    model = CartPoleModel(plant, timestep=h, edit=edit)
-    data, states = model.mj_data, [scenario.initial_state]
-    data.qpos[:], data.qvel[:] = scenario.initial_state[:2], scenario.initial_state[2:]
-    for k in range(round(scenario.duration / h)):
-        if k % round(control_period / h) == 0:
-            data.ctrl[0] = controller.force(states[-1], plant)
-        mujoco.mj_step(model.mj_model, data)
-        states.append([*data.qpos, *data.qvel])
-    return states
 
 
 def test_assumed_parameters_can_be_late_and_wrong():
