@@ -394,7 +394,8 @@ def _covariance(
     degrees = max(1, len(scores) - 1)
     known = np.count_nonzero(np.abs(own).sum(axis=2))  # masked readings depend on nothing
     left = max(1, known - int(free.sum()) - own.shape[0] * own.shape[2])
-    meat = scores.T @ scores * (len(scores) / degrees) * (max(1, known - 1) / left)
+    spread = bread @ scores.T  # squared last, lest round-off makes a variance negative
+    factor = (len(scores) / degrees) * (max(1, known - 1) / left)
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = bread @ meat @ bread
+    covariance[np.ix_(free, free)] = spread @ spread.T * factor
     return covariance, degrees
