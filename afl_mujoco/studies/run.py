@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
+import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
@@ -177,14 +178,19 @@ def run_kept(
 
 def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
     """Return the row of a run that any simulator made."""
-    settled = settling_time(scenario, run)
+    settled, asked = settling_time(scenario, run), judge(scenario, run)
+    failure, time = failure_of(run.outcome.kind, asked), run.outcome.time
+    if failure == "end_stops":
+        stops = scenario.imperfections.end_stops
+        ends = [stops.get(name, np.inf) for name in scenario.plant.coordinates]
+        time = float(run.time[np.argmax((np.abs(run.state[:, : len(ends)]) >= ends).any(axis=1))])
     return Run(
         scenario=scenario.name,
         controller=controller.name,
         outcome=run.outcome.kind,
-        failure=failure_of(run.outcome.kind, asked := judge(scenario, run)),
+        failure=failure,
         settled=settled is not None,
-        time=run.outcome.time,
+        time=time,
         metrics={name: run.metrics.get(name) for name in columns_of(scenario.plant)}
         | {"settling_time": settled},
         requirements=asked,

@@ -96,6 +96,7 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
     assert hit.failure == "end_stops"
     far = np.abs(afl.simulate_mujoco(scenarios[1], LQR).state[:, 0]) >= rail.at("end_stops.z")
     assert hit.time == pytest.approx(1e-3 * np.flatnonzero(far)[0])
+    assert run_of(scenarios[1], LQR, afl.simulate_mujoco(scenarios[1], LQR)).time == hit.time
 
 
 def test_a_controller_that_computes_no_force_fails_its_own_run_alone() -> None:
