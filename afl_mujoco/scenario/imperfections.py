@@ -241,10 +241,13 @@ class Imperfections(Checked):
                 found[name] = value
                 continue
             table = found.get(name, getattr(self, name))
+            if name in IDEAL_INPUT and table == IDEAL_INPUT[name]:
+                table = {}
             if not isinstance(table, Mapping):
-                raise InvalidValueError(f"imperfections.{path}", f"is {name} for all of them")
+                rule = f"cannot vary by itself: {name} is one number for all; give it as a table"
+                raise InvalidValueError(f"imperfections.{path}", rule, table)
             kept = {n: x for n, x in table.items() if n != part}
-            ideal = value is None or value == 0.0
+            ideal = value == IDEAL_INPUT.get(name, 0.0) or value is None
             found[name] = kept if ideal else {**kept, part: value}
         return replace(self, **found)
 
@@ -464,6 +467,9 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
     limit, slew = DECLARATIONS["input_limit"].swept[0], DECLARATIONS["slew_rate"].swept[0]
     found["input_limit"] = Declaration("", (replace(limit, unit="", harsh=0.01),))
     found["slew_rate"] = Declaration("", (replace(slew, unit="", harsh=0.1),))
+    if len(plant.inputs) > 1:
+        found |= {f"{name}.{x}": Declaration(one.unit) for name, one in found.copy().items()
+                  if name in BY_INPUT for x in plant.inputs}  # fmt: skip
     first, encoders = plant.coordinates[0], {f"encoder_step.{x}": 1.0 for x in plant.coordinates}
     noise = {f"noise.{x}": 1.0 for x in plant.coordinates}
     noise |= {f"noise.{x}_dot": 10.0 for x in plant.coordinates}

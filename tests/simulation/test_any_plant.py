@@ -19,7 +19,7 @@ from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
-from afl_mujoco.scenario.sample_space import SampleSpace
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import signals_of
@@ -363,6 +363,20 @@ def test_samples_say_what_is_told_of_one_input() -> None:
     own = afl.Scenario(name="own", plant=QUADROTOR, imperfections=delays, ranges=ranges)
     found = {one.name: one.unit for one in SampleSpace(own).quantities()}
     assert found["delay.left"] == found["delay.right"] == "s"
+
+
+def test_what_is_told_of_one_input_varies_by_itself() -> None:
+    ranges = Ranges(varied={"delay.left": (0.0, 0.01)})
+    for given, right in ((0.0, 0.0), ({"left": 0.004, "right": 0.002}, 0.002)):
+        own = afl.Scenario(
+            name="own", plant=QUADROTOR, imperfections=afl.Imperfections(delay=given), ranges=ranges
+        )
+        drawn = [sample_scenario(SampleSpace(own), i, 1).imperfections for i in range(2)]
+        assert [one.of_input("delay", "right") for one in drawn] == [right, right]
+        lefts = [one.of_input("delay", "left") for one in drawn]
+        assert 0.0 < lefts[0] != lefts[1] < 0.01
+    with pytest.raises(InvalidValueError, match="cannot vary by itself: delay is one number"):
+        SampleSpace(replace(own, imperfections=afl.Imperfections(delay=0.001)))
 
 
 def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
