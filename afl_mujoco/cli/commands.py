@@ -66,7 +66,7 @@ class _Deployed:
 class Render(_Deployed):
     """Film runs in MuJoCo beside the ideal equations.
 
-    Example: afl-mujoco render step-step-impulse --controllers fixed,adaptive --size 1280x720
+    Example: afl-mujoco render step-step-impulse --controllers fixed adaptive --size 1280x720
 
     Writes one MP4 for each scenario and controller, and one of up to four controllers side by
     side. Also writes films.json, from which `afl-mujoco report` takes them.

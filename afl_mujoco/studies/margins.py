@@ -62,7 +62,7 @@ GROWS_WORSE = ("gain_decrease", "crossover")  # the margins whose largest value 
 class Options:
     """Compute gain, phase, disk and delay margins of controllers about the target of a plant.
 
-    Example: afl-mujoco margins my-rig.toml --controllers lqr my_controller.py:control
+    Example: afl-mujoco margins my-rig.toml --controllers lqr my_controller:control
 
     The loop is linearised by finite differences in MuJoCo and broken at each input, over the plants
     that the scenario's schedules and ranges allow. On some of the plants the study also measures

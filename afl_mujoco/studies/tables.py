@@ -177,7 +177,7 @@ def requirements_matrix(
             label = asked(judged[0], scenario) if judged else label
             cells.append(_cell(name, runs, judged))
         rows.append([label, *cells])
-    rows.append(["settles, required or not", *(_settled(runs) for runs in draws.values())])
+    rows.append(["at rest for the last second", *(_settled(runs) for runs in draws.values())])
     needs = [known[name].metric for name in needs_of(scenario) if name not in names]
     layout = Layout.of(scenario)
     limited = [effort_names(plant.inputs, name)[-1] for name in plant.inputs]

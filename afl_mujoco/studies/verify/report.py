@@ -114,14 +114,14 @@ def _claims(result: Result) -> Section:
         [
             Matrix(
                 caption="C9 to C12, and what readings say of C3 to C6, come with the package",
-                columns=("Claim", "Paper", "Here", "Verdict", "The paper says"),
+                columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
                 rows=[
                     (
                         one.id,
+                        one.claim,
                         _counted(one, one.paper, 4),
                         _counted(one, one.here, 3),
                         Cell(one.verdict, GROUPS[kind(one.verdict)][0]),
-                        one.claim,
                     )
                     for one in result.claims
                 ],
