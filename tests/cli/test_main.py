@@ -275,7 +275,7 @@ def test_no_file_of_the_working_folder_hides_a_module(shadowed: Path, flags: lis
             sys.executable, *flags, "-m", "afl_mujoco", "simulate", "short.toml", "--controller",
             "mine:force", "--no-page", "--out", "out",
         ],
-        cwd=shadowed, capture_output=True, text=True, timeout=120, check=False,
+        cwd=shadowed, capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr) == (1, "")  # it falls
     assert (shadowed / "out" / "short-mine.force-sampled.npz").is_file()
