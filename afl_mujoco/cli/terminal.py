@@ -7,8 +7,8 @@ import io
 import os
 import shlex
 import time
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import IO, Annotated, Any, TextIO, TypeVar, get_type_hints
 
@@ -94,12 +94,15 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     words: list[str] = []
     for option in fields(options):
         value = getattr(options, option.name)
+        default = option.default if option.default_factory is MISSING else option.default_factory()
         if tyro.conf.Positional in getattr(hints[option.name], "__metadata__", ()):
-            names += value if isinstance(value, tuple) else [value] * (value != option.default)
-        elif value != option.default and option.name not in leave_out:
+            names += value if isinstance(value, tuple) else [value] * (value != default)
+        elif value != default and option.name not in leave_out:
             name = option.name.replace("_", "-")
             words.append(f"--no-{name}" if value is False else f"--{name}")
-            if not isinstance(value, bool):
+            if isinstance(value, Mapping):
+                words += [str(x) for key, pair in value.items() for x in (key, *pair)]
+            elif not isinstance(value, bool):
                 words += [str(x) for x in (value if isinstance(value, tuple) else (value,))]
     return shlex.join(["afl-mujoco", command, *names, *words])
 

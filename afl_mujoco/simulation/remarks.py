@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from afl_mujoco.simulation.trajectory import DIVERGED, STATE_LIMIT, Trajectory
 
 LONGEST = 50.0
 """Half-length that nobody means [m]."""
+
+LONG_WAIT = 0.1
+"""Share of a run that nobody means as a delay or a control period."""
 
 SAID = {"cart_mass": "M", "half_length": "l", "pole_mass": "m", "gravity": "g"}
 
@@ -146,7 +149,7 @@ def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
             asked = f"asks for all of {limit:g}{unit}"
         drive = "the drive" if len(inputs) == 1 else f"the drive of {name}"
         found.append(
-            f"{drive} is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
+            f"{drive} is at its limit for {100.0 * share:.0f} % of the run: the controller {asked}"
         )
     return found
 
@@ -202,20 +205,26 @@ def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
 
     period: Control period [s].
     """
-    return [*_slow(scenario, period or 0.0), *_coarse(scenario), *_long(scenario)]
+    waits = {"delay": scenario.imperfections.longest_delay, "control period": period or 0.0}
+    return [*_slow(scenario, waits), *_coarse(scenario), *_long(scenario)]
 
 
-def _slow(scenario: Scenario, period: float) -> Iterator[str]:
-    """Remark on waiting while the pole leans far."""
+def _slow(scenario: Scenario, waits: Mapping[str, float]) -> Iterator[str]:
+    """Remark on waiting while the pole leans far, or a good part of the run is over."""
     if not scenario.is_cart_pole:
+        for name, wait in waits.items():
+            if (share := wait / scenario.duration) >= LONG_WAIT:
+                yield (
+                    f"the {name}, {wait:g} s, is {100.0 * share:.0f} % of the run; it is given in "
+                    "seconds, not in ms or Hz"
+                )
         return
     (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
     plant = CartPoleParameters(
         cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
     )
     time = upright_model(plant).a[3, 1] ** -0.5
-    delay = scenario.imperfections.longest_delay
-    for name, wait in (("delay", delay), ("control period", period)):
+    for name, wait in waits.items():
         if wait >= time:
             yield (
                 f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times "

@@ -436,7 +436,8 @@ def write_files(result: Result, folder: Path) -> list[Path]:
             for name in replays:
                 (staging / FOLDER / name).mkdir(parents=True)
             for file, scenario in scenarios.items():
-                save_scenario(scenario, staging / file, replay=replays[Path(file).parent.name])
+                place, replay = (folder / file).parent, replays[Path(file).parent.name]
+                save_scenario(scenario, staging / file, replay=replay, moves_to=place)
             if (folder / FOLDER).exists():
                 (folder / FOLDER).rename(staging / "before")
             (staging / FOLDER).rename(folder / FOLDER)

@@ -6,6 +6,7 @@ import pytest
 
 from afl_mujoco.cli import terminal
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS
+from afl_mujoco.studies.check import Options
 from afl_mujoco.studies.robustness import COMBINED
 
 
@@ -49,3 +50,10 @@ def test_help_does_not_say_a_default_that_says_nothing(command: str, command_lin
 def test_the_help_of_thresholds_lists_the_imperfections(command_line) -> None:
     said = "".join(command_line("thresholds", "--help")[1].split())
     assert ",".join((*(one.name for one in IMPERFECTIONS), COMBINED.name)) in said.replace("│", "")
+
+
+def test_a_check_says_the_command_that_makes_it_again() -> None:
+    plant = "furuta.py:plant"
+    assert terminal.typed("check", Options(plant=plant)) == f"afl-mujoco check {plant}"
+    boxed = Options(plant=plant, box={"arm": (-1.0, 2.0)})
+    assert terminal.typed("check", boxed) == f"afl-mujoco check {plant} --box arm -1.0 2.0"

@@ -21,7 +21,7 @@ from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.linear import bound
-from afl_mujoco.simulation.remarks import remarks_on
+from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
@@ -422,3 +422,13 @@ def test_a_joint_that_reaches_its_range_is_remarked_on() -> None:
     free = replace(scenario, plant=SLED)
     other = afl.simulate_mujoco(free, lqr, mode="sampled")
     assert not [one for one in remarks_on(other, free, lqr) if "range" in one]
+
+
+def test_a_wait_of_a_good_part_of_the_run_is_remarked_on() -> None:
+    late = afl.Scenario(name="late", plant=SLED, duration=3.0,
+        imperfections=afl.Imperfections(delay=1.2))  # fmt: skip
+    (remark,) = unit_remarks(late, 0.01)
+    assert remark == (
+        "the delay, 1.2 s, is 40 % of the run; it is given in seconds, not in ms or Hz"
+    )
+    assert unit_remarks(replace(late, imperfections=afl.Imperfections(delay=0.02)), 0.01) == []

@@ -107,6 +107,29 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy: Result, tmp
         assert find_replay(str(file)) == Replay(controller=one.controller, integrator="RK4")
 
 
+def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch) -> None:
+    (tmp_path / "own.py").write_text(
+        "import afl_mujoco as afl\n"
+        "plant = afl.Plant(name='own', coordinates=('x',), inputs=('u',), model='<mujoco>"
+        '<worldbody><body><joint name="x" type="slide" axis="1 0 0"/><inertial mass="1" '
+        'diaginertia="1 1 1" pos="0 0 0"/></body></worldbody><actuator><motor name="u" '
+        'joint="x"/></actuator></mujoco>\')\n'
+    )
+    (tmp_path / "own.toml").write_text(
+        'plant = "own.py:plant"\nduration = 0.1\n[requirements]\nmax = { x = 0.1 }\n'
+        "[ranges]\nx = [0.2, 0.3]\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    space = SampleSpace(load_scenario("own.toml"))
+    idle = PythonController(name="idle", function=lambda t, x, belief: 0.0)
+    found = run(asked(idle, samples=1, space=space))
+    Path("out").mkdir()
+    write_files(found, Path("out"))
+    (one,) = found.rows
+    (again,) = run_all(idle, [load_scenario(Path("out", montecarlo.file_of("idle", one)))])
+    assert replace(again, draw=one.draw) == one
+
+
 # Controllers that break down
 
 
