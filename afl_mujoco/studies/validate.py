@@ -45,6 +45,7 @@ from afl_mujoco.studies.verify.claims import (
 from afl_mujoco.studies.verify.criteria import Check
 from afl_mujoco.studies.verify.explanation import (
     ErrorBudget,
+    Growth,
     Judged,
     Omission,
     explain,
@@ -127,6 +128,8 @@ class Result:
     # why the codes differ, and what the paper's frozen M and l leave out if it was asked in full
     error_budgets: tuple[ErrorBudget, ...] = ()
     omissions: tuple[Omission, ...] = ()
+    # of another plant: how far the codes are apart over a whole run, which is not judged
+    growths: tuple[Growth, ...] = ()
     settings: Settings = field(default_factory=Settings)  # what was run
     scenarios: tuple[Scenario, ...]
     # every case as deployed, by `scenario/controller`: some instants [s], and states
@@ -201,6 +204,7 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
         random_schedules=known.random_schedules if known else {},
         error_budgets=tuple(case.budget for case in judged if case.budget),
         omissions=tuple(case.omission for case in judged if case.omission),
+        growths=tuple(case.growth for case in judged if case.growth),
         settings=settings,
         scenarios=tuple(scenarios),
         curves={f"{case.row.scenario}/{case.row.controller}": case.moving for case in judged},

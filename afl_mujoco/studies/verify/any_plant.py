@@ -38,6 +38,7 @@ from afl_mujoco.studies.verify.convergence import (
 )
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 from afl_mujoco.studies.verify.explanation import (
+    Growth,
     Judged,
     budget_curves,
     error_budget,
@@ -71,6 +72,10 @@ STILL = 1e-9
 """Largest error of a run in which so little happens that there is no order to be seen."""
 
 # --- the plant ------------------------------------------------------------------------------------
+
+
+NUDGE = 1e-7
+"""Change of the initial state whose growth is shown."""
 
 
 def of_plant(scenario: Scenario) -> list[Check]:
@@ -165,6 +170,7 @@ def judge(case: Case) -> Judged:
 
     runs = {f"mujoco {mode}": simulated(mode) for mode in ("exact", "continuous", "sampled")}
     exact, sampled = runs["mujoco exact"], runs[DEPLOYED]
+    growth = None
     values = {
         "A10r": float(_differ(exact, simulated("exact")) + _differ(sampled, simulated("sampled")))
     }
@@ -172,6 +178,7 @@ def judge(case: Case) -> Judged:
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled, relative=True)
         values["B1r"] = restarted_difference(ideal, loop, exact)
+        growth = growth_of(ideal, loop, runs["ode"], exact)
     part = studied(ideal)
     reference = simulate_mujoco(part, loop, "exact", timestep=STEPS[0])
     if all(run.outcome.kind == COMPLETED for run in (*runs.values(), reference)):
@@ -194,6 +201,7 @@ def judge(case: Case) -> Judged:
         run_of(scenario, controller, deployed),
         moving(sampled),
         budget,
+        growth=growth,
     )
 
 
@@ -213,6 +221,25 @@ def _distance(one: Floats, other: Floats) -> float:
     """Return the largest difference of any state at the instants that both runs reached."""
     count = min(len(one), len(other))
     return float(np.abs(one[:count] - other[:count]).max())
+
+
+def growth_of(
+    scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory
+) -> Growth:
+    """Return how far the codes are apart over the whole run, and how much a difference grows."""
+    start = np.array(scenario.initial_state)
+    moved = replace(scenario, initial_state=tuple((start + NUDGE).tolist()))
+    nudged = simulate_mujoco(moved, controller, "exact", timestep=float(exact.time[1]))
+
+    def apart(run: Trajectory) -> float | None:
+        alike = run.outcome.kind == exact.outcome.kind and len(run.time) == len(exact.time)
+        return _distance(run.state, exact.state) if alike else None
+
+    grown = apart(nudged)
+    return Growth(
+        scenario=scenario.name, controller=controller.name, difference=apart(ode),
+        amplification=None if grown is None else grown / NUDGE,
+    )  # fmt: skip
 
 
 def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:

@@ -272,6 +272,16 @@ SPARSE = 0.02
 """Spacing of the instants of a replay [s]."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Growth:
+    """How far the two codes are apart after a whole run, beside how much any difference grows."""
+
+    scenario: str
+    controller: str
+    difference: float | None  # of any state at any instant; None if one fell and the other did not
+    amplification: float | None  # of a small change of the initial state
+
+
 class Judged(NamedTuple):
     """What is found of one case."""
 
@@ -281,6 +291,7 @@ class Judged(NamedTuple):
     moving: tuple[Array, Array]  # the run as deployed on the ideal loop, for its replay
     budget: ErrorBudget | None = None
     omission: Omission | None = None
+    growth: Growth | None = None  # of another plant than the cart-pole
 
 
 def moving(run: Trajectory) -> tuple[Array, Array]:

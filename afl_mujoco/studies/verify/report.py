@@ -36,6 +36,7 @@ def report(result: Result) -> Report:
     blocks.append(_checks(result))
     blocks += [_budget(result)] if result.error_budgets else []
     blocks += [_omissions(result)] if result.omissions else []
+    blocks += [_growths(result)] if result.growths else []
     blocks += [_scenario(result, one, one is not pictured) for one in result.scenarios]
     return Report(headline=_headline(result), passed=result.passed, blocks=blocks)
 
@@ -261,6 +262,24 @@ def _omissions(result: Result) -> Section:
     )
     title = "What the paper’s frozen parameters leave out"
     return Section(title, "omissions", [table], folded=True)
+
+
+def _growths(result: Result) -> Section:
+    """Return how far the codes are apart over whole runs, beside how much a difference grows."""
+    table = Matrix(
+        caption="Shown, not judged: an unstable plant amplifies round-off; B1r restarts",
+        columns=(
+            "Scenario",
+            "Controller",
+            "Exact mode minus ODE",
+            "Growth of a change at the start",
+        ),
+        rows=[
+            (one.scenario, one.controller, _value(one.difference), _value(one.amplification))
+            for one in result.growths
+        ],
+    )
+    return Section("Differences over whole runs", "growth", [table], folded=True)
 
 
 def _scenario(result: Result, scenario: Scenario, moves: bool) -> Section:

@@ -65,6 +65,9 @@ def test_every_check_holds_on_the_examples(plant: Plant) -> None:
     ids = ["A1e", "A1t", "A1x", "A1c", "A3n", "A4f", "A6f", "B4f", "A5s", "A10r", "B1r"]
     assert [check.id for check in result.checks] == ids
     assert [one.simulator for one in result.runs] == list(REPORTED)
+    (growth,) = result.growths
+    assert growth.difference is not None and growth.amplification is not None
+    assert growth.difference < 1e-6 and growth.amplification > 1.0
     said = report(result)
     assert said.headline == "CODES AGREE 11/11" and said.passed
     anchors = [getattr(block, "anchor", "") for block in said.blocks]
