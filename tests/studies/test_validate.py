@@ -170,9 +170,9 @@ def test_the_claims_stand_with_both_numbers_in_their_unit_and_the_verdict() -> N
     result = make_result()
     rows = matrix(result, "come with the package")
     assert [row[0].text for row in rows] == [claim.id for claim in result.claims]
-    assert [row[3].text for row in rows] == [claim.verdict for claim in result.claims]
-    assert [cell.text for cell in rows[2][1:3]] == ["38.03 %", "15.4 %"]
-    assert (rows[1][1].text, rows[4][2].text) == ("–", "–")
+    assert [row[4].text for row in rows] == [claim.verdict for claim in result.claims]
+    assert [cell.text for cell in rows[2][2:4]] == ["38.03 %", "15.4 %"]
+    assert (rows[1][2].text, rows[4][3].text) == ("–", "–")
 
 
 def test_the_claims_in_percent_are_drawn_from_the_paper_to_here() -> None:
