@@ -159,6 +159,25 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
 
 
 @register_jitable
+def _move_origin(tree, place, motion, velocity, acceleration, energy):
+    """Put the origin between the bodies: moments about one far away cancel to rounding.
+
+    A linear part at c is that at 0 plus w x c. The weight counts from the world's origin.
+    """
+    middle, bodies = np.zeros(3), len(place)
+    for b in range(1, bodies):
+        _add(1.0 / (bodies - 1), place[b], middle)
+    for b in range(1, bodies):
+        _add(-1.0, middle, place[b])
+        _add_cross(velocity[b, 0], middle, velocity[b, 1])
+        _add_cross(acceleration[b, 0], middle, acceleration[b, 1])
+        for i in range(3):
+            energy[1] -= tree.gravity[i] * tree.body_mass[b] * middle[i]
+    for j in range(len(motion)):
+        _add_cross(motion[j, 0], middle, motion[j, 1])
+
+
+@register_jitable
 def _inertias(tree, place, frame, moment, inertia):
     """Fill the first moments and inertias of bodies about the origin."""
     for b in range(1, len(tree.parent)):
@@ -301,17 +320,7 @@ def terms(tree, q, v, mass, bias, inputs, energy):
     for i in range(inputs.size):
         inputs[i // inputs.shape[1], i % inputs.shape[1]] = 0.0
     _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
-    # again about where the bodies are: moments about a far origin cancel to rounding
-    mid = np.zeros(3)
-    for b in range(1, bodies):
-        _add(1.0 / (bodies - 1), place[b], mid)
-    place[:], frame[:], motion[:] = 0.0, 0.0, 0.0
-    velocity[:], acceleration[:] = 0.0, 0.0
-    _add(-1.0, mid, place[0])
-    for b in range(1, bodies):
-        for i in range(3):
-            energy[1] -= tree.gravity[i] * tree.body_mass[b] * mid[i]
-    _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
+    _move_origin(tree, place, motion, velocity, acceleration, energy)
     _inertias(tree, place, frame, moment, inertia)
     _forces(tree, velocity, acceleration, moment, inertia, force, energy)
     _drifting(tree, frame, velocity, moment, force)
