@@ -125,7 +125,7 @@ def _at_range(scenario: Scenario, run: Trajectory) -> list[str]:
         joint = model.joint(name)
         low, high = joint.range
         beyond = (run.state[:, i] <= low) | (run.state[:, i] >= high)
-        if joint.id in np.flatnonzero(model.jnt_limited) and beyond.any():
+        if model.jnt_limited[joint.id] and beyond.any():
             unit, time = scenario.plant.units[name], run.time[np.argmax(beyond)]
             found.append(
                 f"{name} reaches its range in the MJCF, {low:.4g} to {high:.4g} {unit}, first at "

@@ -24,7 +24,7 @@ from afl_mujoco.simulation.judgement import (
     settling_time,
 )
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
 
 if TYPE_CHECKING:
     from afl_mujoco.simulation.sampled.rollouts import Rollout
@@ -181,9 +181,9 @@ def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
     settled, asked = settling_time(scenario, run), judge(scenario, run)
     failure, time = failure_of(run.outcome.kind, asked), run.outcome.time
     if failure == "end_stops":
-        stops = scenario.imperfections.end_stops
-        ends = [stops.get(name, np.inf) for name in scenario.plant.coordinates]
-        time = float(run.time[np.argmax((np.abs(run.state[:, : len(ends)]) >= ends).any(axis=1))])
+        stops = criterion_of(scenario).stops
+        reached = (np.abs(run.state[:, : len(stops)]) >= stops).any(axis=1)
+        time = float(run.time[np.argmax(reached)])
     return Run(
         scenario=scenario.name,
         controller=controller.name,
