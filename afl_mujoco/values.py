@@ -117,7 +117,6 @@ Finite = Annotated[float, require_finite]
 Positive = Annotated[float, require_positive]
 NotNegative = Annotated[float, require_not_negative]
 Time = Annotated[float, require_time]
-Plausible = Annotated[float, require_plausible]
 Switch = Annotated[bool, require_switch]
 
 

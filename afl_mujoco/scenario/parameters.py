@@ -36,9 +36,6 @@ def labelled(name: str, unit: str) -> str:
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)
 
 
-INPUTS = MappingProxyType({"force": "N"})
-"""The inputs and their units."""
-
 SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
 """The parameters that may change during a run, and their units."""
 

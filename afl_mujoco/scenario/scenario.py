@@ -544,18 +544,6 @@ class Scenario:
         """The same without imperfections, and controllers told the truth."""
         return replace(self, imperfections=IDEAL, belief=TRUTH)
 
-    def require_cart_pole(self, what: str) -> None:
-        """Raise if it is of another plant.
-
-        Parameters
-        ----------
-        what
-            What only the cart-pole has.
-        """
-        if not self.is_cart_pole:
-            rule = f"must be the cart-pole for {what}"
-            raise InvalidValueError(f"plant of scenario {self.name!r}", rule, repr(self.plant.name))
-
     def require_ideal(self) -> None:
         """Raise if anything departs from the ideal loop.
 
