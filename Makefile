@@ -76,7 +76,7 @@ readings: $(READY) ## find under which readings of the paper its numbers hold (2
 claims: $(READY) ## judge anew what validate takes as shipped: C9 to C12, and readings for C3 to C6
 	@$(BIN)/python -m research.claims
 
-bench: $(READY) ## measure speed, and say which aims hold (40 minutes; ARGS="rollout commands")
+bench: $(READY) ## measure speed, and say which aims hold; ARGS="rollout commands"
 	@$(BIN)/python -m benchmarks $(ARGS)
 
 faults: $(READY) ## plant physical faults one at a time and see which check catches each (15 minutes)

@@ -104,8 +104,8 @@ def compare(integrator: str, options: argparse.Namespace) -> None:
         wall, cpu = (statistics.median(r[clock] for r in rate) for clock in (0, 1))
         print(f"  {way:<54} {wall:>10,.0f} {cpu:>10,.0f}")
     for way in (1, 2):
-        spent = [[[r[c] for r in rates[k]] for c in (0, 1)] for k in (way, 0)]
-        wall, cpu = (median_ratio(spent[0][c], spent[1][c]) for c in (0, 1))
+        closed, bare = zip(*rates[way], strict=True), zip(*rates[0], strict=True)
+        wall, cpu = map(median_ratio, closed, bare)
         print(f"  ratio, {WAYS[way]}: {wall:.2f}, by CPU time {cpu:.2f}")
         if aim := AIMS.get((way, integrator)):
             say(f"{integrator}: {WAYS[way]}, by CPU time", cpu, least=aim)
