@@ -12,8 +12,8 @@ import numpy as np
 import afl_mujoco as afl
 from afl_mujoco.files import write_json
 from afl_mujoco.films.listing import LISTING, Entry, Listing
-from afl_mujoco.films.replay import Deployment
 from afl_mujoco.scenario.disturbances import ForcePulse
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import REPORTED, Run, Settings
 from afl_mujoco.studies.validate import Result, verdict_of
@@ -160,7 +160,7 @@ def film_entry(file: str, **changes: Any) -> Entry:
     values: dict[str, Any] = {
         "file": file, "poster": "none.png", "title": f"the film {file}",
         "scenario": "step-step", "controllers": ("adaptive",), "width": 64, "height": 48,
-        "fps": 10, "frames": 20, "deployment": Deployment(), "command": f"afl-mujoco render {file}",
+        "fps": 10, "frames": 20, "deployment": Deployed(), "command": f"afl-mujoco render {file}",
     }  # fmt: skip
     return Entry(**values | changes)
 

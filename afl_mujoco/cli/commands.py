@@ -28,7 +28,7 @@ from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.films.replay import Deployment
+    from afl_mujoco.scenario.sampling import Deployed
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.simulation.trajectory import Trajectory
 
@@ -52,14 +52,10 @@ class _Deployed:
     call_limit: CallLimit = None
 
     @property
-    def deployment(self) -> Deployment:
-        from afl_mujoco.films.replay import Deployment
+    def deployment(self) -> Deployed:
+        from afl_mujoco.scenario.sampling import Deployed
 
-        return Deployment(
-            timestep=self.timestep,
-            control_period=self.control_period,
-            integrator=self.integrator or "RK4",
-        )
+        return Deployed(self.integrator or "RK4", self.timestep, self.control_period)
 
 
 @dataclass(frozen=True, kw_only=True)

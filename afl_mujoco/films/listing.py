@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from afl_mujoco.files import inside, read_json, remove_file, write_json
-from afl_mujoco.films.replay import Deployment
+from afl_mujoco.scenario.sampling import Deployed
 
 LISTING = "films.json"  # file beside the films that says what they show
 MARK = "made by afl_mujoco"  # comment in the metadata of every film
@@ -27,7 +27,7 @@ class Entry:
     height: int
     fps: int
     frames: int
-    deployment: Deployment
+    deployment: Deployed
     command: str
     inputs: dict[str, str] = field(default_factory=dict)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.parameters import labelled
-from afl_mujoco.scenario.sampling import LONGEST_STEP
+from afl_mujoco.scenario.sampling import LONGEST_STEP, Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
-from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 AFTERWARDS = 1.0
@@ -26,29 +25,6 @@ AFTERWARDS = 1.0
 
 GHOSTS = {True: "ideal ODE", False: "ideal loop"}
 """What the ghost of a cart-pole is, and that of another plant."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Deployment:
-    """Physics step and control period [s] and integrator of what is filmed."""
-
-    timestep: float | None = None
-    control_period: float | None = None
-    integrator: str = "RK4"
-
-    def on(self, scenario: Scenario) -> Deployment:
-        """Return the same with the control period that applies to a scenario."""
-        ticks = ticks_of(scenario, self.timestep, self.control_period)
-        return replace(self, timestep=ticks.timestep, control_period=ticks.period)
-
-    def describe(self, held: str = "force") -> str:
-        """Describe the deployment in one line; `held` is what a controller commands."""
-        step = LONGEST_STEP if self.timestep is None else self.timestep
-        period = step if self.control_period is None else self.control_period
-        return (
-            f"as deployed: {self.integrator} at {1e3 * step:.3g} ms, "
-            f"{held} held for {1e3 * period:.3g} ms"
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,7 +131,7 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
     return np.arange(round(duration * fps), dtype=np.float64) / fps
 
 
-def record(scenario: Scenario, controller: Controller, deployment: Deployment, fps: int) -> Replay:
+def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps: int) -> Replay:
     """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
 
     The ideal ODE has none of the scenario's imperfections. A controller with the estimator gets the
@@ -196,7 +172,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployment, f
     )
 
 
-def _ideal(scenario: Scenario, controller: Controller, deployment: Deployment) -> Trajectory | None:
+def _ideal(scenario: Scenario, controller: Controller, deployment: Deployed) -> Trajectory | None:
     """Return the run of the ghost; None if that of MuJoCo has no imperfections."""
     h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
     informed = controller.without_estimator()

@@ -18,9 +18,10 @@ from afl_mujoco.errors import FileError, GraphicsError, InvalidValueError
 from afl_mujoco.files import atomic_file, hidden_folder
 from afl_mujoco.films.listing import MARK, REMOVE, Entry, list_film, load_listing
 from afl_mujoco.films.picture import Picture, frames
-from afl_mujoco.films.replay import Deployment, frame_times, record
+from afl_mujoco.films.replay import frame_times, record
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.pool import interrupts_held, open_executor
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import require_distinct
 
@@ -28,7 +29,7 @@ MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames 
 POSTER_TIME = 1.0  # instant of the poster [s], by which no film has stopped early
 QUALITY = 21  # constant rate factor of x264: a little better than its default
 
-AS_IS = Deployment()
+AS_IS = Deployed()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +38,7 @@ class Film:
 
     scenario: Scenario
     controllers: tuple[Controller, ...]
-    deployment: Deployment = AS_IS
+    deployment: Deployed = AS_IS
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
     command: str = ""
@@ -87,7 +88,7 @@ class Film:
 def side_by_side(
     scenario: Scenario,
     controllers: Sequence[Controller],
-    deployment: Deployment = AS_IS,
+    deployment: Deployed = AS_IS,
     **settings: Any,
 ) -> Film:
     """Return the film of the first `MOST_RUNS` controllers on a scenario."""
@@ -102,7 +103,7 @@ def side_by_side(
 def plan(
     scenarios: Sequence[Scenario],
     controllers: Sequence[Controller],
-    deployment: Deployment = AS_IS,
+    deployment: Deployed = AS_IS,
     **settings: Any,
 ) -> list[Film]:
     """Return the films of some scenarios: one per controller, and several side by side."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -152,6 +153,57 @@ def cut_period(period: float | None, timestep: float | None) -> Ticks:
         raise InvalidValueError(f"timestep {longest:g} s", rule)
     exact = abs(hold - ratio) <= SNAP * hold  # as it was given, to the last bit
     return Ticks(longest if exact else period / hold, hold)
+
+
+def ticks_of(
+    scenario: Scenario, timestep: float | None = None, control_period: float | None = None
+) -> Ticks:
+    """Return how the control period of a scenario is cut into physics steps, or raise.
+
+    timestep: Physics step [s]; None for the longest up to 1 ms that divides the control period.
+    control_period: Control period for a scenario that does not set it [s]; None for one step.
+    """
+    own = scenario.imperfections.control_period
+    period = control_period if own is None else own
+    if period is not None and period > scenario.duration:
+        rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"
+        raise InvalidValueError("control_period", rule, period)
+    if control_period is not None and own is not None:
+        if abs(control_period - own) > TYPED * own:
+            rule = f"must be that of scenario {scenario.name!r}, {own:g} s"
+            raise InvalidValueError("control_period", rule, control_period)
+    if timestep is not None and timestep > scenario.duration:
+        rule = f"must be within the duration {scenario.duration:g} s"
+        raise InvalidValueError("timestep", rule, timestep)
+    ticks = cut_period(period, timestep)
+    step_times(scenario.duration, ticks.timestep)  # raises if there are too many
+    return ticks
+
+
+@dataclass(frozen=True, slots=True)
+class Deployed:
+    """How MuJoCo runs: its integrator, its step and the control period [s], None for the default.
+
+    A scenario's own control period cannot be replaced.
+    """
+
+    integrator: str = "RK4"
+    timestep: float | None = None
+    control_period: float | None = None
+
+    def on(self, scenario: Scenario) -> Deployed:
+        """Return the same with the step and the control period that apply to a scenario."""
+        ticks = ticks_of(scenario, self.timestep, self.control_period)
+        return replace(self, timestep=ticks.timestep, control_period=ticks.period)
+
+    def describe(self, held: str = "force") -> str:
+        """Describe it in one line; `held` is what a controller commands."""
+        step = LONGEST_STEP if self.timestep is None else self.timestep
+        period = step if self.control_period is None else self.control_period
+        return (
+            f"as deployed: {self.integrator} at {1e3 * step:.3g} ms, "
+            f"{held} held for {1e3 * period:.3g} ms"
+        )
 
 
 def step_times(duration: float, timestep: float) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.scenario.sampling import ticks_of, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
@@ -41,7 +41,7 @@ from afl_mujoco.simulation.mujoco_model import (
     rate_forces,
     write_state,
 )
-from afl_mujoco.simulation.sampled.runs import simulate_sampled, ticks_of
+from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
     Trajectory,

@@ -20,13 +20,14 @@ from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle, symbol
 from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
 from afl_mujoco.studies.robustness import map_starts, require_runs
-from afl_mujoco.studies.run import Deployed, Rows, Run
+from afl_mujoco.studies.run import Rows, Run
 from afl_mujoco.values import require_positive
 
 GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001

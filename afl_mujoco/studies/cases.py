@@ -12,13 +12,13 @@ from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.sampling import ticks_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-from afl_mujoco.simulation.sampled.runs import ticks_of
 from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
 from afl_mujoco.values import require_distinct
 

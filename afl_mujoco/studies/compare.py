@@ -23,6 +23,7 @@ from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
@@ -37,7 +38,7 @@ from afl_mujoco.studies.contract import (
     silent,
 )
 from afl_mujoco.studies.robustness import require_runs
-from afl_mujoco.studies.run import Deployed, Rows, Run, numbered, run_kept
+from afl_mujoco.studies.run import Rows, Run, numbered, run_kept
 from afl_mujoco.studies.tables import (
     ENDINGS,
     as_file,
@@ -344,7 +345,7 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         remarks={key: said for key, said in remarks.items() if said},
         curves=curves,
         film=film,
-        **deployed._asdict(),
+        **asdict(deployed),
     )
 
 
@@ -498,15 +499,10 @@ def films(result: Result, command: str) -> list[Film]:
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.replay import Deployment
     from afl_mujoco.films.video import side_by_side
 
     controllers = [find_controller(name) for name in result.film]
-    deployment = Deployment(
-        timestep=result.timestep,
-        control_period=result.control_period,
-        integrator=result.integrator,
-    )
+    deployment = Deployed(result.integrator, result.timestep, result.control_period)
     found = []
     for scenario in result.scenarios:
         there = result.curves_on(scenario)  # the others failed

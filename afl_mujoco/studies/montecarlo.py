@@ -22,6 +22,7 @@ from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -42,7 +43,7 @@ from afl_mujoco.studies.robustness import (
     search_worst,
     worst_scenario,
 )
-from afl_mujoco.studies.run import Deployed, Rows, Run
+from afl_mujoco.studies.run import Rows, Run
 from afl_mujoco.studies.tables import how
 
 if TYPE_CHECKING:
@@ -455,10 +456,9 @@ def films(result: Result, command: str) -> list[Film]:
     if not result.film:
         return []
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.replay import Deployment
     from afl_mujoco.films.video import side_by_side
 
-    deployment = Deployment(timestep=result.timestep, integrator=result.integrator)
+    deployment = Deployed(timestep=result.timestep, integrator=result.integrator)
     return [
         side_by_side(
             worst_scenario(result.space, one, result.seed),

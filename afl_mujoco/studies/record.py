@@ -31,7 +31,7 @@ from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
 from afl_mujoco.studies.arrays import packed, unpacked
 from afl_mujoco.studies.contract import Progress, Study, counted, silent
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.registry import find_study, listed
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
@@ -235,11 +235,11 @@ def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None
     Those in the folder `ahead` are taken in place of those of the same studies.
     """
     found = []
-    for study in studies().values():
+    for name, study in listed().items():  # only what is there is imported
         places = [place for place in (ahead, folder) if place is not None]
         there = [place for place in places if (place / f"{study.stem}.json").is_file()]
-        if there and study.name != leave_out:
-            found.append(load_record(study, there[0]))
+        if there and name != leave_out:
+            found.append(load_record(find_study(name), there[0]))
     return found
 
 
@@ -252,14 +252,14 @@ def remove_record(study: Study, folder: Path) -> None:
     path = folder / f"{study.stem}.json"
     try:
         with reading(path, "is not a record"):
-            listed = dict(json.loads(read_utf8(path))["files"])
+            wrote = dict(json.loads(read_utf8(path))["files"])
             record = load_record(study, folder)
             shown = drawn_of(record.report.blocks)
             drawn = {name for one in shown for name in one.files.values()}
     except FileError:
-        listed, drawn = {}, set()
+        wrote, drawn = {}, set()
     own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
-    ours = [name for name in listed if _is_of(study, name) and name in own]
+    ours = [name for name in wrote if _is_of(study, name) and name in own]
     for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
         remove_file(old)
 

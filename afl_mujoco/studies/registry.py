@@ -12,7 +12,10 @@ import afl_mujoco.studies as package
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.studies.contract import Study
 
-_NAMED = re.compile(r"^STUDY = Study\(.*?\bname=\"(\w+)\".*?\border=(\d+)", re.S | re.M)
+_NAMED = re.compile(
+    r"^STUDY = Study\(.*?\bname=\"(\w+)\".*?\border=(\d+)(?:.*?\bstem=\"(\w+)\")?.*?\)$",
+    re.S | re.M,
+)
 
 
 class Listed(NamedTuple):
@@ -22,6 +25,7 @@ class Listed(NamedTuple):
     name: str
     module: str
     summary: str
+    stem: str  # beginning of its file names
 
 
 def listed() -> dict[str, Listed]:
@@ -52,5 +56,6 @@ def _found(paths: tuple[str, ...]) -> tuple[Listed, ...]:
             text = path.read_text(encoding="utf-8")
             if named := _NAMED.search(text):
                 module, summary = f"{package.__name__}.{path.stem}", text.splitlines()[0].strip('"')
-                found.append(Listed(int(named[2]), named[1], module, summary))
+                stem = named[3] or named[1]
+                found.append(Listed(int(named[2]), named[1], module, summary, stem))
     return tuple(sorted(found))

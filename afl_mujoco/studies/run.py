@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Plant
+from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
@@ -39,17 +40,6 @@ def columns_of(plant: Plant) -> tuple[str, ...]:
         *(f"iae_{name}" for name in plant.coordinates),
         "settling_time",
     )
-
-
-class Deployed(NamedTuple):
-    """How MuJoCo runs: its integrator, its step and the control period [s], None for the default.
-
-    A scenario's own control period cannot be replaced.
-    """
-
-    integrator: str = "RK4"
-    timestep: float | None = None
-    control_period: float | None = None
 
 
 DEFAULT = Deployed()
@@ -165,7 +155,7 @@ def run_kept(
     from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
 
     found = roll_out(
-        scenarios, controller, **deployed._asdict(), threads=threads, keep=keep,
+        scenarios, controller, **asdict(deployed), threads=threads, keep=keep,
         caught=(ControllerError, GainError),
     )  # fmt: skip
     return [

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.replay import record
+from afl_mujoco.scenario.sampling import Deployed
 
 FPS = 30
 
@@ -27,7 +28,7 @@ def growing():
 
 @pytest.fixture(scope="session")
 def replay(growing):
-    return record(growing, afl.CONTROLLERS["adaptive"], Deployment(), FPS)
+    return record(growing, afl.CONTROLLERS["adaptive"], Deployed(), FPS)
 
 
 @pytest.fixture

@@ -12,10 +12,10 @@ import pytest
 
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
-from afl_mujoco.films.replay import Deployment
 from afl_mujoco.films.sections import sections
 from afl_mujoco.films.video import write_video
 from afl_mujoco.report.blocks import Film
+from afl_mujoco.scenario.sampling import Deployed
 from tests.verification_result import film_entry, write_listing
 
 
@@ -25,15 +25,13 @@ def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(
     (tmp_path / "a.mp4").write_bytes(b"film")
     (tmp_path / "b.mp4").write_bytes(b"film")
     write_listing(tmp_path, film_entry("gone.mp4"), film_entry("b.mp4"), film_entry("a.mp4"))
-    new = film_entry(
-        "a.mp4", title="new", deployment=Deployment(timestep=2e-3, control_period=4e-3)
-    )
+    new = film_entry("a.mp4", title="new", deployment=Deployed(timestep=2e-3, control_period=4e-3))
     list_film(tmp_path, new)
     assert load_listing(tmp_path) == (new, film_entry("b.mp4"))
 
 
 def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path: Path) -> None:
-    held = Deployment(control_period=0.005)
+    held = Deployed(control_period=0.005)
     write_listing(
         tmp_path,
         film_entry("a.mp4", deployment=held),

@@ -13,10 +13,11 @@ import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.picture import draw_plots
-from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import open_scene
 from afl_mujoco.films.video import make_films, side_by_side
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.sampling import Deployed
 from tests.plants.plants import SMALL, known, small
 
 FPS = 20
@@ -67,7 +68,7 @@ def seen(scene, replay, path) -> np.ndarray:
 def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
     scenario, frame = replace(scenario_of(name), duration=2.0), Frame()
     controller = still(scenario.plant) if falls else afl.CONTROLLERS["lqr"]
-    replay = record(scenario, controller, Deployment(), 4)
+    replay = record(scenario, controller, Deployed(), 4)
     with open_scene(replay, SIZE) as scene:
         (path,) = scene.paths([replay], 4, SIZE, frame)
         top, left, bottom, right = seen(scene, replay, path)
@@ -93,8 +94,8 @@ def test_a_film_of_any_plant_is_made(graphics, name, beside, tmp_path):
 
 def test_the_ghost_is_the_loop_without_imperfections():
     scenario = scenario_of("quadrotor_load.py:plant")
-    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployment(), FPS)
-    ideal = record(scenario.ideal, afl.CONTROLLERS["lqr"], Deployment(), FPS)
+    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
+    ideal = record(scenario.ideal, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     np.testing.assert_array_equal(replay.ideal, ideal.state)
     assert ideal.ideal is None
     assert not np.array_equal(replay.state, ideal.state)
@@ -102,7 +103,7 @@ def test_the_ghost_is_the_loop_without_imperfections():
 
 def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     scenario = scenario_of("cart_double_pendulum.py:plant")
-    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployment(), FPS)
+    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     names = [label for label, _ in replay.readouts(0)]
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
     assert names == ["t [s]", *words]
@@ -120,7 +121,7 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, cam
     plant = small(tmp_path, ("<worldbody>", f"<worldbody>{own}"))
     assert SMALL.count("<camera") == 0
     scenario = afl.Scenario(name="small", plant=plant, initial_state={"arm": 0.4}, duration=0.2)
-    replay = record(scenario, still(plant), Deployment(), FPS)
+    replay = record(scenario, still(plant), Deployed(), FPS)
     with open_scene(replay, SIZE) as scene:
         (path,) = scene.paths([replay], FPS, SIZE, Frame())
         assert (path.aims is None) == camera

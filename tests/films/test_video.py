@@ -16,10 +16,11 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, load_listing
-from afl_mujoco.films.replay import Deployment, record
+from afl_mujoco.films.replay import record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
+from afl_mujoco.scenario.sampling import Deployed
 
 pytestmark = pytest.mark.slow
 
@@ -61,7 +62,7 @@ def test_a_film_stops_a_second_after_every_run_has_fallen(graphics, growing, tmp
     film = side_by_side(falling, CONTROLLERS[:2], size=SIZE)
     (file,) = make_films([film], tmp_path)
     (entry,) = load_listing(tmp_path)
-    end = max(record(falling, one, Deployment(), 30).end for one in CONTROLLERS[:2])
+    end = max(record(falling, one, Deployed(), 30).end for one in CONTROLLERS[:2])
     assert len(decode(file)[1]) == entry.frames == math.ceil(30 * (end + 1.0)) + 1
     assert entry.frames < film.length
 
@@ -69,7 +70,7 @@ def test_a_film_stops_a_second_after_every_run_has_fallen(graphics, growing, tmp
 def test_a_film_knows_the_limits_and_how_many_requirements_are_met(growing):
     asked = Requirements(max={"z": 0.05, "force": 500.0})
     rail = replace(growing, requirements=asked, imperfections=Imperfections(end_stops={"z": 5.0}))
-    found = record(rail, CONTROLLERS[1], Deployment(), 30)
+    found = record(rail, CONTROLLERS[1], Deployed(), 30)
     assert found.limits("z") == [-0.05, 0.05, -5.0, 5.0]
     assert (found.limits("force"), found.limits("phi")) == ([-500.0, 500.0], [])
     assert np.abs(found.state[:, 0]).max() > 0.05
@@ -101,7 +102,7 @@ def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, 
 
 def test_a_run_that_has_fallen_stands_still_without_forces(growing):
     tipping = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0))
-    fallen = record(tipping, CONTROLLERS[0], Deployment(), 30)
+    fallen = record(tipping, CONTROLLERS[0], Deployed(), 30)
     (time, said), *_ = fallen.endings
     after = fallen.time > time
     assert said.startswith("MuJoCo fell")

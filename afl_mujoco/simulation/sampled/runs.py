@@ -16,12 +16,11 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.sampling import (
     SNAP,
-    TYPED,
     Ticks,
-    cut_period,
     held_disturbances,
     instants,
     step_times,
+    ticks_of,
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
@@ -81,31 +80,6 @@ class Timing(NamedTuple):
         """Length of the last step [s]; the timestep itself unless it is shorter."""
         length = float(self.times[-1]) - (len(self.times) - 2) * self.timestep
         return length if length < (1.0 - SNAP) * self.timestep else self.timestep
-
-
-def ticks_of(
-    scenario: Scenario, timestep: float | None = None, control_period: float | None = None
-) -> Ticks:
-    """Return how the control period of a scenario is cut into physics steps, or raise.
-
-    timestep: Physics step [s]; None for the longest up to 1 ms that divides the control period.
-    control_period: Control period for a scenario that does not set it [s]; None for one step.
-    """
-    own = scenario.imperfections.control_period
-    period = control_period if own is None else own
-    if period is not None and period > scenario.duration:
-        rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"
-        raise InvalidValueError("control_period", rule, period)
-    if control_period is not None and own is not None:
-        if abs(control_period - own) > TYPED * own:
-            rule = f"must be that of scenario {scenario.name!r}, {own:g} s"
-            raise InvalidValueError("control_period", rule, control_period)
-    if timestep is not None and timestep > scenario.duration:
-        rule = f"must be within the duration {scenario.duration:g} s"
-        raise InvalidValueError("timestep", rule, timestep)
-    ticks = cut_period(period, timestep)
-    step_times(scenario.duration, ticks.timestep)  # raises if there are too many
-    return ticks
 
 
 def timing_of(
