@@ -43,10 +43,12 @@ LOCKS = {
 
 
 IMPORTED = """
-import importlib, pkgutil
-import afl_mujoco, matplotlib.pyplot, pytest
+import compileall, importlib, pkgutil, re
+import afl_mujoco, matplotlib.pyplot, numba, PIL, pydantic, pytest, rich
 for module in pkgutil.walk_packages(afl_mujoco.__path__, "afl_mujoco."):
     importlib.import_module(module.name)
+for package in matplotlib, numba, PIL, pydantic, rich:  # which import more as they are used
+    compileall.compile_dir(package.__path__[0], quiet=2, workers=2, rx=re.compile("/tests?/"))
 """
 """What commands import; uv leaves it to Python to compile it, where pip compiles all there is."""
 
