@@ -42,6 +42,9 @@ WORDS = {
 
 FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
+SMALL, MANY = 1e-5, 4
+"""Step of differences in time, relative to the fastest rate, and a number of coordinates."""
+
 PASSIVE = {
     "dof_damping": "damping", "jnt_stiffness": "stiffness", "dof_armature": "armature",
     "springref": "springref",
@@ -124,21 +127,24 @@ class Search:
         for family in families:
             yield from self.together(family)
         for say, left in itertools.chain(
-            self.lengths(), self.exchanged(), self.parameters(), self.angles()
+            self.lengths(), self.exchanged(), self.parameters(), self.angles(), self.unwritten()
         ):
             yield from _explained(say, self.start, left)
         yield from self.stale()
-        for say, left in self.single_terms():
+        for say, left in itertools.chain(self.single_terms(), self.factors()):
             yield from _explained(say, self.start, left)
         if not self.plant.terms:
             yield from self.single_accelerations()
 
     # What is compared: M, h and B, or, of accelerations, the force that is left over
 
-    def terms_of(self, trees: Sequence[Tree], v: Floats | None = None) -> Terms:
+    def terms_of(
+        self, trees: Sequence[Tree], v: Floats | None = None, q: Floats | None = None
+    ) -> Terms:
         """Return the terms of trees at the points, stacked."""
         rates = self.points.v if v is None else v
-        found = [terms_of(t, q, w) for t, q, w in zip(trees, self.points.q, rates, strict=True)]
+        places = self.points.q if q is None else q
+        found = [terms_of(*one) for one in zip(trees, places, rates, strict=True)]
         return Terms(*map(np.array, zip(*found, strict=True)))
 
     def sizes(self) -> Floats:
@@ -175,21 +181,25 @@ class Search:
             trees.append(tree._replace(**fields))
         return self.residual(**self.terms_of(trees)._asdict())
 
-    def given(self, turn: Floats | None = None, **changed: Floats) -> Floats:
-        """Return what is left if the equations were given other things.
+    def given(self, **changed: Floats) -> Floats:
+        """Return what is left if the equations were given other things."""
+        return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
 
-        turn: The coordinates that they are given, as a matrix times MuJoCo's.
+    def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Floats:
+        """Return what is left if the equations were of other coordinates.
+
+        turn: These coordinates, as a matrix times MuJoCo's.
+        ours: What they have of MuJoCo's coordinates all the same: inputs, damping.
         """
-        if turn is not None:
-            changed = {"q": self.points.q @ turn.T, "v": self.points.v @ turn.T}
-        found = self.equations.at(self.points._replace(**changed), gaps=True)
-        if turn is not None and self.plant.terms:
-            m, h, b = split(self.plant, found)
-            parts = (turn.T @ m @ turn, h @ turn, turn.T @ b)
-            found = np.hstack([x.reshape(len(x), -1) for x in parts])
-        elif turn is not None:
-            found = np.linalg.solve(turn, found.T).T.astype(np.float64)
-        return self.residual(found)
+        q, v = self.points.q @ turn.T, self.points.v @ turn.T
+        found = self.equations.at(self.points._replace(q=q, v=v), gaps=True)
+        if not self.plant.terms:
+            return self.residual(np.linalg.solve(turn, found.T).T.astype(np.float64))
+        m, h, b = split(self.plant, found)
+        damping = np.array([tree.dof_damping for tree in self.trees]) * ("damping" in ours)
+        h = (h - damping * v) @ turn + damping * self.points.v
+        parts = (turn.T @ m @ turn, h, b if "inputs" in ours else turn.T @ b)
+        return self.residual(np.hstack([x.reshape(len(x), -1) for x in parts]))
 
     # The suspects
 
@@ -263,18 +273,47 @@ class Search:
 
     def angles(self) -> Iterator[Suspect]:
         """Yield coordinates measured in another way."""
-        names = self.plant.coordinates
+        names, q, v = self.plant.coordinates, self.points.q, self.points.v
         own = np.eye(len(names))
+        for ours, some in itertools.product(self.kept(), _subsets(len(names))):
+            said = f"{_all([names[i] for i in some])} the other sign in the equations"
+            flip = own.copy()
+            flip[some, some] = -1.0
+            yield partial(_whole, said), self.turned(flip, ours)
+        for words, turn in self.turns():
+            said = f"{words} of MuJoCo{{}}: relative or absolute"
+            for ours in self.kept():
+                yield partial(_whole, said.format("")), self.turned(turn, ours)
+            places, rates = q @ turn.T, v @ turn.T
+            yield partial(_whole, said.format("")), self.given(q=places, v=rates)
+            yield partial(_whole, said.format(", not its rate")), self.given(q=places)
+            yield partial(_whole, said.format(", of rates only")), self.given(v=rates)
         for i, name in enumerate(names):
-            said = f"{name} has the other sign in the equations"
-            yield partial(_whole, said), self.given(own - 2.0 * np.outer(own[i], own[i]))
-            for j, sign in itertools.product(range(len(names)), (1.0, -1.0)):
-                if i != j:
-                    of = f"{name} {'+' if sign > 0 else '-'} {names[j]}"
-                    said = f"{name} of the equations is {of} of MuJoCo: relative or absolute?"
-                    yield partial(_whole, said), self.given(own + sign * np.outer(own[i], own[j]))
             if not self.trees[0].slides[i]:
                 yield from self.angle(own[i], name)
+
+    def kept(self) -> list[tuple[str, ...]]:
+        """Return what equations of other coordinates may have of MuJoCo's all the same."""
+        return [(), ("inputs",), ("damping",), ("inputs", "damping")] if self.plant.terms else [()]
+
+    def turns(self) -> Iterator[tuple[str, Floats]]:
+        """Yield sums and differences of coordinates that are taken for one of them."""
+        names, own = self.plant.coordinates, np.eye(len(self.plant.coordinates))
+        for i, j in itertools.permutations(range(len(names)), 2):
+            for sign, word in ((1.0, "+"), (-1.0, "-")):
+                of = f"{names[i]} of the equations is {names[i]} {word} {names[j]}"
+                yield of, own + sign * np.outer(own[i], own[j])
+        tree = self.trees[0]
+        chain, places = own.copy(), zip(tree.first_joint, tree.joint_count, strict=True)
+        joints = [range(first, first + count) for first, count in places]
+        for b, some in enumerate(joints):
+            before: list[int] = []
+            while b := int(tree.parent[b]):
+                before += [j for j in joints[b] if not tree.slides[j]]
+            for i in (i for i in some if not tree.slides[i]):
+                chain[i, before] = 1.0
+        if chain.sum() > len(names) + 1.0:  # else it is one of the sums
+            yield "an angle of the equations is the sum of all up to it", chain
 
     def angle(self, own: Floats, name: str) -> Iterator[Suspect]:
         """Yield an angle in degrees, or from elsewhere."""
@@ -288,6 +327,20 @@ class Search:
         for quarters in (2, 1, -1):
             said = f"{name} is measured from {90 * quarters} degrees further in the equations"
             yield partial(_whole, said), self.given(q=q + quarters * math.pi / 2.0 * own)
+
+    def unwritten(self) -> Iterator[Suspect]:
+        """Yield what goes with a parameter in the equations, and is not written."""
+        fields = {"place": "body_pos", "centre of mass": "body_ipos", "mass": "body_mass",
+                  "inertia": "body_inertia"}  # fmt: skip
+        for k, (parameter, one) in enumerate(self.plant.parameters.items()):
+            for (b, name), (word, field) in itertools.product(self.bodies, fields.items()):
+                ratios = iter((self.points.p[:, k] / one.value).tolist())  # one for each tree
+
+                def by(x: Floats, tree: Tree, ratios: Iterator[float] = ratios) -> Floats:
+                    return next(ratios) * x
+
+                said = f"the {word} of body {name} goes with {parameter} in the equations only"
+                yield partial(_whole, f"{said}: not written"), self.edited(b, **{field: by})
 
     def stale(self) -> Iterator[str]:
         """Yield a parameter that the equations do not read, and the constant in its place."""
@@ -342,7 +395,10 @@ class Search:
         for i, j in itertools.combinations(range(n), 2):
             mixed = (at_rates(light, i, j) - alone[i] - alone[j]) * v[:, [i]] * v[:, [j]]
             yield f"{names[i]}_dot {names[j]}_dot{who}", {"bias": mixed}
-        yield f"all velocity terms{who}", {"bias": self.terms_of(light).bias}
+        whole, gain = self.terms_of(light).bias, self.gain(light)
+        yield f"all velocity terms{who}", {"bias": whole}
+        yield f"M' v{who}", {"bias": gain}
+        yield f"1/2 v (dM/dq) v{who}", {"bias": whole - gain}
         mass = self.terms_of(trees).mass
         for i, j in itertools.product(range(n), repeat=2):
             entry = _only(mass, (slice(None), i, j))
@@ -351,19 +407,40 @@ class Search:
             if i < j:
                 yield f"{name}, twice there", {"mass": entry + np.swapaxes(entry, 1, 2)}
 
-    def single_terms(self) -> Iterator[Suspect]:
-        """Yield one term, in all equations or in that of one coordinate."""
+    def gain(self, trees: Sequence[Tree]) -> Floats:
+        """Return M' v, by differences."""
+        q, v = self.points[:2]
+        step = SMALL / np.maximum(1.0, np.abs(v).max(axis=1, keepdims=True))
+        ahead, back = (self.terms_of(trees, q=q + s * step * v).mass for s in (1.0, -1.0))
+        found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
+        return found
+
+    def rows(self) -> Iterator[tuple[str, str, Floats]]:
+        """Yield terms in all equations and in that of one coordinate: name, where it is, itself."""
         for name, part in self.parts():
             ((field, whole),) = part.items()
-            said = partial(_share, f"the term {name}")
-            rows = {said: whole}
+            yield f"the term {name}", field, whole
             if field == "bias":
-                rows |= {
-                    partial(_share, f"the term {name} on {x}"): _only(whole, (slice(None), i))
-                    for i, x in enumerate(self.plant.coordinates)
-                }
-            for say, term in rows.items():
-                yield say, self.residual(**{field: getattr(self.terms, field) + term})
+                for i, x in enumerate(self.plant.coordinates):
+                    yield f"the term {name} on {x}", field, _only(whole, (slice(None), i))
+
+    def single_terms(self) -> Iterator[Suspect]:
+        """Yield a share of one term."""
+        for name, field, term in self.rows():
+            changed = {field: getattr(self.terms, field) + term}
+            yield partial(_share, name), self.residual(**changed)
+
+    def factors(self) -> Iterator[Suspect]:
+        """Yield one term that has a parameter as a factor once too often, or too seldom."""
+        powers = {-1.0: "is without a factor {} in", 1.0: "has {} as a factor too much in"}
+        for (name, field, term), (k, parameter) in itertools.product(
+            self.rows(), enumerate(self.plant.parameters)
+        ):
+            p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
+            for power, words in powers.items():
+                changed = {field: getattr(self.terms, field) + (p**power - 1.0) * term}
+                said = f"{name} {words.format(parameter)} the equations"
+                yield partial(_whole, said), self.residual(**changed)
 
     def single_accelerations(self) -> Iterator[str]:
         """Yield one term of one acceleration, the others being right."""
@@ -417,6 +494,16 @@ def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
     arm = tree.body_ipos[body] - joint
     found: Floats = inertia + tree.body_mass[body] * (arm @ arm - arm * arm)
     return found
+
+
+def _subsets(count: int) -> Iterator[list[int]]:
+    """Yield which of some things may be meant, few of them first; of many, up to two."""
+    for size in range(1, (count if count <= MANY else 2) + 1):
+        yield from map(list, itertools.combinations(range(count), size))
+
+
+def _all(names: Sequence[str]) -> str:
+    return f"{names[0]} has" if len(names) == 1 else f"{' and '.join(names)} have"
 
 
 def _only(array: Floats, index: Any) -> Floats:

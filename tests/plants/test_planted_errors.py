@@ -165,7 +165,38 @@ MISTAKES = {  # name: file, what becomes what, what the headline says ("" where 
         "damping of cart is -0.1",
     ),
     "angle from the other side": (TWO, "sin(q[0] + q[1])\n", "sin(q[0] - q[1])\n", ""),
-    "absolute angle": (CART, "a, b = q[1], q[1] + q[2]", "a, b = q[1], q[2]", ""),
+    "absolute angle": (
+        CART,
+        "a, b = q[1], q[1] + q[2]",
+        "a, b = q[1], q[2]",
+        "upper of the equations is upper + lower of MuJoCo, not its rate: relative or absolute?",
+    ),
+    "relative rate": (
+        CART,
+        "va, vb = v[1], v[1] + v[2]",
+        "va, vb = v[1], v[2]",
+        "upper of the equations is upper + lower of MuJoCo, of rates only: relative or absolute?",
+    ),
+    "place that is not written": (
+        CART,
+        '        "body upper pos 2": p.lower_length,\n',
+        "",
+        "place of body upper goes with lower_length in the equations only: not written?",
+    ),
+    "factor left out": (
+        QUAD,
+        "0.0, ml * p.gravity * sin(a))",
+        "0.0, ml * sin(a))",
+        "gravity on cable is without a factor gravity in the equations?",
+    ),
+    "rate of the mass matrix left out": (
+        TWO,
+        "- k * s2 * v[1] ** 2 + (p.m1 * p.r1 + p.m2 * p.l1) * g * s1\n"
+        "    h = (h1 + weight, k * s2 * v[0] ** 2 + weight)",
+        "+ 2 * k * s2 * v[0] * v[1] + (p.m1 * p.r1 + p.m2 * p.l1) * g * s1\n"
+        "    h = (h1 + weight, k * s2 * v[0] ** 2 + k * s2 * v[0] * v[1] + weight)",
+        "the term M' v is missing in the equations?",
+    ),
     "mass of the payload twice": (
         CART,
         "afl.ball(mass=p.payload",
@@ -212,8 +243,8 @@ def test_a_mistake_is_found_and_named(mistake: str, tmp_path: Path) -> None:
 
 
 def test_most_mistakes_have_a_name() -> None:
-    assert len(MISTAKES) >= 30
-    assert sum(bool(named) for *_, named in MISTAKES.values()) >= 25
+    assert len(MISTAKES) >= 36
+    assert sum(bool(named) for *_, named in MISTAKES.values()) >= 31
 
 
 def test_the_published_model_files_have_an_inertia_about_the_joint_at_the_centre_of_mass() -> None:
