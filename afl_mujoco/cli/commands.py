@@ -22,9 +22,9 @@ from afl_mujoco.cli.terminal import (
     separated,
     typed,
 )
-from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT
+from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, chosen
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.studies.contract import ControllerNames, ScenarioNames
+from afl_mujoco.studies.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
@@ -34,6 +34,17 @@ if TYPE_CHECKING:
 
 INDIFFERENT = ("out", "workers")  # options that do not change the films
 FRAMES_A_SECOND = 60  # frames of a view per second
+
+
+_OWN = f"By default that of the file's [replay], else {SUBJECT}, of another plant lqr."
+ControllerName = Annotated[str | None, tyro.conf.arg(help=f"Controller by name: {KNOWN} {_OWN}")]
+Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
+
+
+def _subject(name: str | None, scenario: Scenario) -> str:
+    """Return the controller that is asked for, by default one that the plant can have."""
+    (found,) = chosen([] if name is None else [name], [scenario], (SUBJECT,))
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +81,7 @@ class Render(_Deployed):
 
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files; all nine of the paper by default."""
-    controllers: ControllerNames = PAPER
+    controllers: Annotated[tuple[str, ...], named_controllers(" and ".join(PAPER))] = ()
     size: str = "1280x720"
     """Width x height in pixels, even, at most 1920x1080."""
     fps: int = 30
@@ -89,7 +100,9 @@ class Render(_Deployed):
 
         # What is quick to check comes before what is slow to import, the backend before MuJoCo.
         scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
-        controllers = [find_controller(name) for name in separated(self.controllers)]
+        controllers = [
+            find_controller(name) for name in chosen(separated(self.controllers), scenarios, PAPER)
+        ]
         if not (found := re.fullmatch(r"(\d{1,6})x(\d{1,6})", self.size)):
             raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
         require_backend()
@@ -120,7 +133,7 @@ class View(_Deployed):
 
     scenario: Name = "step-step-impulse"
     """Scenario by name, or a TOML file."""
-    controller: Annotated[str, tyro.conf.arg(help=f"Controller by name: {KNOWN}")] = SUBJECT
+    controller: ControllerName = None
     speed: float = 1.0
     """Seconds of the run that are shown per second."""
 
@@ -130,7 +143,8 @@ class View(_Deployed):
         from afl_mujoco.graphics import require_display
         from afl_mujoco.scenario.files import find_scenario
 
-        scenario, controller = find_scenario(self.scenario), find_controller(self.controller)
+        scenario = find_scenario(self.scenario)
+        controller = find_controller(_subject(self.controller, scenario))
         if not 0.0 < self.speed < float("inf"):
             raise InvalidValueError("speed", "must be positive and finite", self.speed)
         require_display()
@@ -275,10 +289,6 @@ class Report:
 
 SIMULATORS = ("ode", "exact", "continuous", "sampled")
 
-_HELP = f"Controller by name: {KNOWN} By default that of the file's [replay], else {SUBJECT}."
-ControllerName = Annotated[str | None, tyro.conf.arg(help=_HELP)]
-Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
-
 
 @dataclass(frozen=True, kw_only=True)
 class Simulate(_Deployed):
@@ -312,7 +322,7 @@ class Simulate(_Deployed):
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = self.controller or (SUBJECT if replay.controller is None else replay.controller)
+        name = _subject(replay.controller if self.controller is None else self.controller, scenario)
         integrator = self.integrator or ("RK4" if replay.integrator is None else replay.integrator)
         timestep = replay.timestep if self.timestep is None else self.timestep
         controller = find_controller(name)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from afl_mujoco.scenario.scenario import Scenario
 
 PAPER = ("fixed", "adaptive")
 """The paper's two controllers, the default where results are for the paper."""
@@ -47,6 +51,20 @@ def subject_of(names: Sequence[str]) -> str:
     own = [name for name in names if name.removesuffix(ESTIMATED) not in NAMES]
     others = [name for name in names if name != REFERENCE]
     return next(iter([*own, *(name for name in others if name == SUBJECT), *others]), names[0])
+
+
+SWEPT = (*(name for name in AFL if name != "fixed-nominal"), f"{SUBJECT}{ESTIMATED}", *BASELINES)
+"""Those whose thresholds are looked for."""
+
+
+def chosen(
+    names: Sequence[str],
+    scenarios: Iterable[Scenario],
+    default: Sequence[str] = (SUBJECT, REFERENCE),
+) -> tuple[str, ...]:
+    """Return the controllers that are asked for, by default those that the plants can have."""
+    paper = all(scenario.is_cart_pole for scenario in scenarios)
+    return tuple(names or (default if paper else (REFERENCE,)))
 
 
 KNOWN = (

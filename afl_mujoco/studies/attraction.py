@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
@@ -55,7 +55,7 @@ class Options:
 
     scenario: ScenarioName = "step-step"
     """Scenario by name, or TOML file."""
-    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    controllers: ControllerNames = ()
     grid: int | None = None
     """Starts along each axis; 41 by default."""
     quick: bool = False
@@ -97,7 +97,7 @@ def prepare(options: Options) -> Request:
     reach = (_reach("max_angle", o.max_angle, axes[0], scenario),
              _reach("max_rate", o.max_rate, axes[1], scenario))  # fmt: skip
     deployed = Deployed(o.integrator, o.timestep)
-    controllers = [find_controller(name) for name in o.controllers]
+    controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
     angles, rates = (

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import REFERENCE, SUBJECT
+from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import UnknownNameError, require_count
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
@@ -68,7 +68,7 @@ class Options:
 
     scenarios: ScenarioNames = ("step-step",)
     """Scenarios by name, or TOML files, with their imperfections and requirements."""
-    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    controllers: ControllerNames = ()
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
@@ -115,9 +115,10 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    controllers = [find_controller(name) for name in o.controllers]
+    names = chosen(o.controllers, scenarios)
+    controllers = [find_controller(name) for name in names]
     deployed = Deployed(o.integrator, o.timestep, o.control_period)
-    film = o.controllers if o.film else ()
+    film = names if o.film else ()
     request = Request(scenarios, controllers, deployed, o.draws, film).require()
     if film:
         from afl_mujoco.films.video import AS_IS, side_by_side

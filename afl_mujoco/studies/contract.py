@@ -36,7 +36,7 @@ from typing import Annotated, Any
 
 import tyro
 
-from afl_mujoco.control.names import KNOWN
+from afl_mujoco.control.names import KNOWN, REFERENCE, SUBJECT
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Report
 
@@ -57,8 +57,15 @@ ScenarioName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENA
 ScenarioIfAny = Annotated[str | None, tyro.conf.Positional, tyro.conf.arg(metavar="[SCENARIO]")]
 """The same, but optional."""
 
-ControllerNames = Annotated[tuple[str, ...], tyro.conf.arg(help=f"Controllers by name: {KNOWN}")]
-"""Controllers by name."""
+
+def named_controllers(default: str) -> Any:
+    """Return what makes an option that takes controllers by name, and says which it has if none."""
+    said = f"Controllers by name: {KNOWN} By default {default}; of another plant lqr."
+    return tyro.conf.arg(help=said)
+
+
+ControllerNames = Annotated[tuple[str, ...], named_controllers(f"{SUBJECT} and {REFERENCE}")]
+"""Controllers by name, as `control.names.chosen` takes them."""
 
 
 class Interrupted(KeyboardInterrupt):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import INFORMED
+from afl_mujoco.control.names import INFORMED, chosen
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.markdown import plain
@@ -73,8 +73,9 @@ class Options:
     scenario: ScenarioIfAny = None
     """Scenario by name, or TOML file, that gives the plants, the control period and the linear
     imperfections; by default the paper's range of cart-poles, without imperfections."""
-    controllers: tuple[str, ...] = INFORMED
-    """Controllers by name, or module:attribute of your own."""
+    controllers: tuple[str, ...] = ()
+    """Controllers by name, or module:attribute of your own; by default all that are compiled and
+    know the true M and l, of another plant lqr."""
     levels: int | None = None
     """Levels of each parameter that varies, from its least to its largest; 5 by default."""
     control_period: float | None = None
@@ -179,7 +180,7 @@ def prepare(options: Options) -> Request:
         raise InvalidValueError("levels", rule, f"{levels}, which makes {count}")
     own = scenario.imperfections.control_period
     period = o.control_period if o.control_period is not None else own or PERIOD
-    controllers = [find_controller(name) for name in o.controllers]
+    controllers = [find_controller(name) for name in chosen(o.controllers, [scenario], INFORMED)]
     request = Request(scenario, controllers, axes, period, o.timestep).require()
     measured = measured_plants(axes, few=o.quick) if o.measure else ()
     return request._replace(measured=measured)

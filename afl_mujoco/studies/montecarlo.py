@@ -12,7 +12,7 @@ from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import REFERENCE, SUBJECT, subject_of
+from afl_mujoco.control.names import chosen, subject_of
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
@@ -77,7 +77,7 @@ class Options:
     scenario: ScenarioName = LABORATORY
     """Scenario by name, or TOML file; laboratory: the paper's plant on random laboratory hardware,
     its M and l changing at random."""
-    controllers: ControllerNames = (SUBJECT, REFERENCE)
+    controllers: ControllerNames = ()
     samples: int | None = None
     """Number of hardware samples; 1000 by default. Sample i does not depend on the number."""
     seed: int = 1
@@ -130,13 +130,14 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
+    names = chosen(o.controllers, [asked])
     samples = QUICK_SAMPLES if o.quick else SAMPLES
     generations = QUICK_GENERATIONS if o.quick else GENERATIONS
     budget = Budget(generations=generations if o.generations is None else o.generations)
     request = Request(
         space=SampleSpace(with_ranges(asked)),
-        controllers=[find_controller(name) for name in o.controllers],
-        names=o.controllers,
+        controllers=[find_controller(name) for name in names],
+        names=names,
         samples=samples if o.samples is None else o.samples,
         seed=o.seed,
         assumed=asked.ranges == FIXED,

@@ -9,7 +9,7 @@ from typing import Annotated, NamedTuple
 import tyro
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import AFL, BASELINES, ESTIMATED, SUBJECT, subject_of
+from afl_mujoco.control.names import SWEPT, chosen, subject_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import compute_all, open_executor
@@ -20,12 +20,12 @@ from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
-    ControllerNames,
     Interrupted,
     Progress,
     ScenarioNames,
     Study,
     counted,
+    named_controllers,
     silent,
 )
 from afl_mujoco.studies.robustness import (
@@ -80,11 +80,7 @@ class Options:
     scenarios: ScenarioNames = ()
     """Scenarios by name, or TOML files: each level must be survived in all of them; step-step by
     default."""
-    controllers: ControllerNames = (
-        *(name for name in AFL if name != "fixed-nominal"),
-        f"{SUBJECT}{ESTIMATED}",
-        *BASELINES,
-    )
+    controllers: Annotated[tuple[str, ...], named_controllers(", ".join(SWEPT))] = ()
     imperfections: Annotated[
         tuple[str, ...],
         tyro.conf.arg(help=f"Imperfections by name: {', '.join(KNOWN)}; all by default."),
@@ -142,7 +138,7 @@ def prepare(options: Options) -> Request:
         timestep=o.timestep,
     )
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
-    controllers = [find_controller(name) for name in o.controllers]
+    controllers = [find_controller(name) for name in chosen(o.controllers, scenarios, SWEPT)]
     names = o.imperfections or tuple(known_of(scenarios[0].plant))
     return Request(controllers, scenarios, settings, names).require()
 

@@ -9,7 +9,7 @@ from operator import call
 from typing import Any, Literal, NamedTuple
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import PAPER
+from afl_mujoco.control.names import PAPER, chosen
 from afl_mujoco.scenario.catalogue import SCENARIOS, is_published
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.scenario import Scenario
@@ -93,14 +93,13 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    paper = any(scenario.is_cart_pole for scenario in scenarios)
-    names = options.controllers or (PAPER if paper else ("lqr",))
+    names = chosen(options.controllers, scenarios, PAPER)
     controllers = [find_controller(name) for name in names]
     period = options.timestep if options.control_period is None else options.control_period
     settings = Settings(timestep=options.timestep, control_period=period, full=options.full)
     require_runnable(scenarios, controllers, settings)
-    if not paper:
-        for scenario in scenarios:
+    for scenario in scenarios:
+        if not scenario.is_cart_pole:
             any_plant.require_comparable(scenario.ideal)
     return Request(scenarios, controllers, settings)
 

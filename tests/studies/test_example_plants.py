@@ -22,17 +22,17 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
     assert {f"peak_{x}" for x in scenario.plant.coordinates} < set(run.metrics)
 
 
-def test_a_quadrotor_has_thresholds_samples_and_a_map() -> None:
-    file, lqr = str(EXAMPLES / "quadrotor_load.toml"), ("lqr",)
+def test_a_quadrotor_has_an_lqr_by_default_with_thresholds_samples_and_a_map() -> None:
+    file = str(EXAMPLES / "quadrotor_load.toml")
     given = thresholds.Options(
-        scenarios=(file,), controllers=lqr, imperfections=("delay", "load_error+"), quick=True
+        scenarios=(file,), imperfections=("delay", "load_error+"), quick=True
     )
     found = thresholds.run(thresholds.prepare(given))
     delay = found.sweep("delay", "lqr").survives
     assert delay.holds_at is not None and 1e-3 < delay.holds_at < 0.2
-    drawn = montecarlo.Options(scenario=file, controllers=lqr, samples=4, worst_case=False)
+    drawn = montecarlo.Options(scenario=file, samples=4, worst_case=False)
     runs = montecarlo.run(montecarlo.prepare(drawn), workers=2).runs["lqr"]
     assert [run.draw for run in runs] == [0, 1, 2, 3] and not any(run.message for run in runs)
-    mapped = attraction.Options(scenario=file, controllers=lqr, grid=2, axes=("x", "pitch"))
+    mapped = attraction.Options(scenario=file, grid=2, axes=("x", "pitch"))
     kinds = attraction.run(attraction.prepare(mapped)).kinds("lqr")
     assert kinds.shape == (2, 2)
