@@ -42,6 +42,9 @@ REACH = np.array([[np.pi, 5.0], [1.0, 2.0]])
 
 BOTH = np.array([-1.0, 1.0])
 
+NARROW = 0.2
+"""Range of a hinge that is hardly meant in radians."""
+
 INPUT = 10.0
 """Largest input that is drawn of one without a ctrlrange."""
 
@@ -248,6 +251,12 @@ class Request:
                 raise UnknownNameError.among("box", name, bounds)
             bounds[name] = _bounds(name, pair)
         low, high = np.array(list(bounds.values()), dtype=float).T
+        hinges = zip(plant.coordinates, m.jnt_limited, m.jnt_range, strict=True)
+        self.narrow = {
+            name: ends for name, limited, ends in hinges
+            if limited and plant.units[name] == "rad" and np.ptp(ends) < NARROW
+            and name not in self.box
+        }  # fmt: skip
         self.drawn = ", ".join(
             f"{name} {a:.3g} to {b:.3g}" for name, (a, b) in bounds.items()
             if name not in plant.parameters
@@ -339,6 +348,8 @@ class Request:
         if not headline:
             headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
+        if not any(one.id[0] in "EF" for one in self.checks):
+            notes.append("Not looked at, since terms differ: energy, and models written in place.")
         notes.append(f"Drawn from {self.drawn}; parameters from their low to their high.")
         held = [name for name, one in self.plant.parameters.items() if one.low == one.high]
         if held and self.equations:
@@ -355,6 +366,10 @@ class Request:
         """Return the headline of a plant that passes."""
         moving = [name for name, one in self.plant.parameters.items() if one.rate == "enters"]
         rate = f" (rate of {', '.join(moving)}: engine only)" if moving else ""
+        rate += "".join(
+            f"; {name} only within {low:.3g} to {high:.3g} rad: its range, in degrees?"
+            for name, (low, high) in self.narrow.items()
+        )
         if self.equations is None:
             return f"engine and mutation verified; model not: no equations{rate}"
         largest = max(one.value for one in self.checks if one.id[0] in "BC")

@@ -59,6 +59,7 @@ def test_a_plant_that_fails_gives_1_and_names_the_mistake(command_line, tmp_path
     code, output, _ = command_line("check", spec, "--samples", "50", "--no-page", "--out", "out")
     assert code == 1
     assert output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
+    assert "Not looked at, since terms differ: energy, and models written in place." in output
     content = json.loads((tmp_path / "out" / "check.json").read_text())
     assert (content["verdict"], content["model_verified"]) == ("fail", True)
 
@@ -92,6 +93,14 @@ def test_points_are_drawn_in_the_box_and_in_the_ranges_of_the_mjcf(tmp_path) -> 
     ]
     assert all(0.1 <= x.q["arm"] <= 0.2 and x.p["mass"] == 0.7 for x in found)
     assert all(-0.2 <= x.q["tip"] <= 0.3 and abs(x.u["torque"]) <= 0.5 for x in found)
+
+
+def test_a_range_that_may_be_in_degrees_is_in_the_headline_of_a_plant_that_passes(tmp_path) -> None:
+    plant = small(tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.02 .03"'))
+    assert (
+        "tip only within -0.02 to 0.03 rad: its range, in degrees?" in afl.check(plant, 3).headline
+    )
+    assert "range" not in afl.check(plant, 3, box={"tip": (-1.0, 1.0)}).headline
 
 
 @pytest.mark.parametrize(
