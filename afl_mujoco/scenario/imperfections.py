@@ -473,9 +473,10 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
     first, encoders = plant.coordinates[0], {f"encoder_step.{x}": 1.0 for x in plant.coordinates}
     noise = {f"noise.{x}": 1.0 for x in plant.coordinates}
     noise |= {f"noise.{x}_dot": 10.0 for x in plant.coordinates}
+    unit = ", ".join(dict.fromkeys(f"m{units[x]}" for x in plant.coordinates))
     swept = {
-        f"encoder_step.{first}": replace(_swept("encoder_step"), fields=encoders),
-        f"noise.{first}": replace(_swept("noise"), fields=noise),
+        f"encoder_step.{first}": replace(_swept("encoder_step"), fields=encoders, unit=unit),
+        f"noise.{first}": replace(_swept("noise"), fields=noise, unit=unit),
     }
     for name in ("encoder_step", "noise", "damping", "dry_friction", "armature", "end_stops"):
         for part in known[name]:
@@ -489,7 +490,8 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
                 )  # fmt: skip
             unit = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
             found[path] = Declaration(unit, more)
-    found["differentiated"] = Declaration("", (replace(_swept("differentiated"), fields=encoders),))
+    differenced = replace(_swept("differentiated"), fields=encoders, unit=unit)
+    found["differentiated"] = Declaration("", (differenced,))
     found |= {name: DECLARATIONS[name] for name in ("velocity_filter", "parameter_delay")}
     for name in plant.parameters:
         path = f"{name}{ERROR}"

@@ -83,7 +83,10 @@ class Options:
     controllers: Annotated[tuple[str, ...], named_controllers(", ".join(SWEPT))] = ()
     imperfections: Annotated[
         tuple[str, ...],
-        tyro.conf.arg(help=f"Imperfections by name: {', '.join(KNOWN)}; all by default."),
+        tyro.conf.arg(
+            help=f"Imperfections by name, all by default; of the cart-pole: {', '.join(KNOWN)}. "
+            "Those of another plant have the names of its own coordinates, inputs and parameters."
+        ),
     ] = ()
     seeds: int | None = None
     """Number of noise seeds, all of which must be survived; 4 by default."""
@@ -303,11 +306,12 @@ def report(result: Result) -> Report:
             _label(result, one): [_cell(result, one, name) for name in names]
             for one in result.imperfections
         }
+        unsettled = any(text.endswith("~") for row in cells.values() for _, text in row)
         blocks += graded(
             "thresholds",
             f"Level at which each controller fails on {on}",
-            f"Found to {percent(result.settings.tolerance, 3)}. ~: does not settle on the "
-            "reference hardware.",
+            f"Found to {percent(result.settings.tolerance, 3)}."
+            + " ~: does not settle on the reference hardware." * unsettled,
             ["Imperfection", *names],
             cells,
             GRADES,
