@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_continuous_are
 
 from afl_mujoco.control.controller import (
     LINEAR,
@@ -285,6 +284,8 @@ def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
     The input is taken as the acceleration that the force gives, so that the numbers keep their
     order of magnitude for any plant.
     """
+    from scipy.linalg import solve_continuous_are  # a third of a second to import
+
     mass = accelerated_mass(parameters)
     a, b = upright_model(parameters)
     b = b * mass

@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import solve_continuous_are
 
 from afl_mujoco.control.controller import AFFINE, Controller, force_from_inputs
 from afl_mujoco.errors import InvalidValueError
@@ -90,6 +89,8 @@ class LinearFeedback(Controller):
 
     def gains(self, values: Floats) -> tuple[Floats, Floats]:
         """Return the holding input (k,) and the gains (k, 2n) for some parameters."""
+        from scipy.linalg import solve_continuous_are  # a third of a second to import
+
         rest = self.rest(values)
         thing = f"controller {self.name!r}"
         held = holding_input(rest.bias, rest.inputs)

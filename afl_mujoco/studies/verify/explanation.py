@@ -47,7 +47,7 @@ from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- the error budget ---------------------------------------------------------------------------
 
-SUBSTEPS = 4
+SUBSTEPS = 2
 """RK4 steps in each held step of the parts: their errors cancel in the differences."""
 
 SOURCES: Mapping[str, str] = {
