@@ -20,10 +20,12 @@ from afl_mujoco.simulation.metrics import Metrics
 
 REPRODUCED, IN_PART = "reproduced", "reproduced in part"
 NOT_REPRODUCED, UNDETERMINED = "not reproduced", "cannot be determined"
-EVERY, NONE = (f"holds under {which} reading tried" for which in ("every", "no"))
-RANDOM, FITTED = "holds under random readings", "some reading can be fitted"
-"""Verdicts on what hangs on what the paper leaves open (a reading of it). To `RANDOM` the
-share is added. That a reading can be fitted, of so many unknowns, is no evidence that it is so."""
+EVERY = f"{REPRODUCED} under every reading tried"
+NONE = f"{NOT_REPRODUCED} under any reading tried"
+RANDOM, FITTED = "met under some readings", "some reading can be fitted"
+"""Verdicts on what hangs on what the paper leaves open (a reading of it). In place of `RANDOM`
+stands the share, behind what holds without any. That a reading can be fitted, of so many unknowns,
+is no evidence that it is so."""
 
 GROUPS: Mapping[str, tuple[Status, str]] = {
     REPRODUCED: ("good", "hold"),
@@ -138,13 +140,15 @@ def verdict_on_readings(assumed: bool, fitted: Iterable[bool], drawn: float) -> 
     that were `fitted` so that it would, and under a share of those `drawn` at random.
     """
     if drawn:
-        return EVERY if assumed and drawn == 1.0 else f"{RANDOM} in {100.0 * drawn:.1f} %"
+        own = REPRODUCED if assumed else NOT_REPRODUCED
+        every = assumed and drawn == 1.0
+        return EVERY if every else f"{own}; met under {100.0 * drawn:.1f} % of readings"
     return FITTED if assumed or any(fitted) else NONE
 
 
 def kind(verdict: str) -> str:
     """Return a verdict without the share in it."""
-    return RANDOM if verdict.startswith(RANDOM) else verdict
+    return RANDOM if "; met under " in verdict else verdict
 
 
 def linearisation_claim() -> Claim:
