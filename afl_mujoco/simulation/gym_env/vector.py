@@ -101,6 +101,12 @@ def _floats(where, columns):
 
 
 @kernel
+def _numbers(where):
+    """Return the same of one dimension: a column of the other would be a type of its own."""
+    return carray(pointer(where[0]), (where[1],), np.float64)
+
+
+@kernel
 def _whole_numbers(where):
     """Return the array of an address and a length."""
     return carray(pointer(where[0]), (where[1],), np.int64)
@@ -121,7 +127,7 @@ def _plant(i, many):
     )  # fmt: skip
     profile = Profile(
         _floats(e[0], len(at.targets)), _whole_numbers(e[1]), _floats(e[2], at.n),
-        _floats(e[3], at.k), _floats(e[4], at.n), _floats(e[5], 1)[:, 0], _whole_numbers(e[6]),
+        _floats(e[3], at.k), _floats(e[4], at.n), _numbers(e[5]), _whole_numbers(e[6]),
         _floats(e[7], 15 * len(at.parents)), _floats(e[8], 15 * len(at.parents)),
     )  # fmt: skip
     return at, sensors, profile
