@@ -26,10 +26,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import inlined_jitable, kernel
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective
@@ -70,7 +69,7 @@ STIFFEST = 1e7
 """Largest product of the rate of the boundary layer and the horizon."""
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def reduced_slopes(
     z, z_dot, sigma, tau, phi_dot, lever, lever_inverse, gravity, switching, slope, layer_inverse
 ):
@@ -98,14 +97,14 @@ def reduced_slopes(
     return u, phi_ddot, phi_dot * sec, phi_dot * sec2, surface, xi1, xi2, xi3, cos
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def reduced_force(u, tau, phi_dot, cos, cart_mass, pole_mass, lever, gravity):
     """Return the force [N] of Eq. (L1)."""
     inertia = cart_mass + pole_mass - 0.75 * pole_mass * cos * cos
     return inertia * u + 0.75 * pole_mass * tau * cos * (lever * phi_dot * phi_dot - gravity * cos)
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def tail_bound(xi1, xi2, xi3, slope):
     """Return a bound on the future ``g abs(phi)`` on the surface s = 0, nearly upright."""
     first = xi2 + slope * xi1
@@ -114,7 +113,7 @@ def tail_bound(xi1, xi2, xi3, slope):
     return abs(xi3) + 0.368 * linear + 0.271 * square  # t e^-t < 0.368, t^2 e^-t / 2 < 0.271
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def tail_integrals(xi1, xi2, xi3, slope, lever, gravity, duration):
     """Return the integrals of abs(z) and abs(phi) over the rest of a run that is nearly upright.
 
@@ -133,7 +132,7 @@ def tail_integrals(xi1, xi2, xi3, slope, lever, gravity, duration):
     return iae_z, iae_phi
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _absolute_integral(c0, c1, c2, slope, duration):
     """Return the integral of ``abs(c0 + c1 t + c2 t^2 / 2) exp(-slope t)`` over the duration."""
     first_root = second_root = -1.0
@@ -151,14 +150,14 @@ def _absolute_integral(c0, c1, c2, slope, duration):
     return total
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _primitive(c0, c1, c2, slope, t):
     """Return a primitive of ``(c0 + c1 t + c2 t^2 / 2) exp(-slope t)``."""
     parabola, derivative = c0 + t * (c1 + 0.5 * c2 * t), c1 + c2 * t
     return -(parabola + (derivative + c2 / slope) / slope) / slope * math.exp(-slope * t)
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def absolute_area(f0, f1, d0, d1, h):
     """Return the integral of abs(cubic) over a step; values and derivatives at its ends given."""
     whole = h * (0.5 * (f0 + f1) + h * (d0 - d1) * (1.0 / 12.0))
@@ -215,7 +214,7 @@ def advance(block, pole_mass, gravity, duration, weight):
         _commit(block, i, h, taken, new, slopes)
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _commit(block, i, h, taken, new, slopes):
     """Move a lane to its new state and slopes, if the step is taken."""
     z, v = block[Z * LANES + i], block[Z_DOT * LANES + i]
@@ -241,7 +240,7 @@ def _commit(block, i, h, taken, new, slopes):
     block[TAU_DOT * LANES + i] = slopes[3] if taken else t
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _plant(block, i):
     """Return the constants of a lane: lever, its inverse, K, lambda, 1 / Phi."""
     return (
@@ -253,7 +252,7 @@ def _plant(block, i):
     )
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _slopes(state, gravity, plant):
     """Return `reduced_slopes` of (z, v, sigma, tau, w, ...)."""
     lever, inverse, switching, slope, layer = plant
@@ -263,7 +262,7 @@ def _slopes(state, gravity, plant):
     )  # fmt: skip
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _rk4(block, i, h, gravity):
     """Return (z, v, sigma, tau, w, phi) after a step of RK4, and the slopes of its last stage.
 
@@ -294,7 +293,7 @@ def _rk4(block, i, h, gravity):
     return new, (v4, u4, s4, t4, a4)
 
 
-@register_jitable(forceinline=True)
+@inlined_jitable
 def _estimate(new, last, slopes):
     """Return the largest difference between the slopes of RK4's last stage and of the new state.
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
@@ -113,7 +112,7 @@ def _integrate(masses, lengths, gains, ends, start_angle, pole_mass, gravity, we
         )  # fmt: skip
 
 
-@register_jitable
+@jitable
 def _line(knots, time):
     """Return value and slope just after `time`, and the time of the next knot."""
     last = -1
@@ -128,7 +127,7 @@ def _line(knots, time):
     return knots[last, 1] + rate * (time - knots[last, 0]), rate, knots[last + 1, 0]
 
 
-@register_jitable
+@jitable
 def _gains(mass, length, w):
     """Return (K, lambda, Phi) by (G1)."""
     return (
@@ -138,7 +137,7 @@ def _gains(mass, length, w):
     )
 
 
-@register_jitable
+@jitable
 def _slopes(x, length, gains, gravity):
     """Return `reduced_slopes` of (z, z', sigma, tau, phi')."""
     lever = 4.0 / 3.0 * length
@@ -148,7 +147,7 @@ def _slopes(x, length, gains, gravity):
     )  # fmt: skip
 
 
-@register_jitable
+@jitable
 def _moved(x, h, k):
     """Return the state x + h k; `k` are `reduced_slopes` at a state of rates (z', phi')."""
     return (
@@ -161,20 +160,20 @@ def _moved(x, h, k):
     )
 
 
-@register_jitable
+@jitable
 def _rates(x, found):
     """Return the derivative of (z, z', sigma, tau, phi', phi)."""
     return x[1], found[0], found[2], found[3], found[1], x[4]
 
 
-@register_jitable
+@jitable
 def _force(found, x, mass, length, pole_mass, gravity):
     """Return the force by (L1), from the slopes found at a state."""
     lever = 4.0 / 3.0 * length
     return reduced_force(found[0], x[3], x[4], found[8], mass, pole_mass, lever, gravity)
 
 
-@register_jitable
+@jitable
 def _try_step(x, at, h, elapsed, line, gains, w, follows, gravity):
     """Return state, slopes and gains after a step of RK4, and the largest error of a slope.
 
@@ -204,7 +203,7 @@ def _try_step(x, at, h, elapsed, line, gains, w, follows, gravity):
     return new, at_new, gains4, error
 
 
-@register_jitable
+@jitable
 def _integrate_one(masses, lengths, w, end, start_angle, pole_mass, gravity, weight, held, found):
     """Integrate one loop with its own step; no step passes a knot."""
     tau = math.tan(start_angle)
@@ -259,7 +258,7 @@ def _integrate_one(masses, lengths, w, end, start_angle, pole_mass, gravity, wei
     found[3] = highest
 
 
-@register_jitable
+@jitable
 def _is_lost(x):
     """Return whether the pole fell, or the state diverged."""
     size = max(abs(x[0]), abs(x[1]), abs(x[4]))

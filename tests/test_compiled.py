@@ -109,4 +109,12 @@ def of_constants(x):
 
 def test_a_call_with_constants_is_the_call_that_it_is_without():
     assert of_constants(2) == 9
-    assert len(tripled.overloads) == 1  # not one for each constant
+    called = tripled.get_overload.__self__  # the copy that compiled code calls
+    assert len(called.overloads) == 1  # not one for each constant
+    assert tripled.overloads == {}  # machine code is made of what Python calls
+
+
+def test_what_only_compiled_code_calls_gets_no_machine_code_and_is_of_the_same_bits():
+    (part,) = tripled.get_overload.__self__.overloads.values()
+    assert part.library.get_pointer_to_function(part.fndesc.llvm_func_name) == 0
+    assert tripled(2, True) == 6 and len(tripled.overloads) == 1

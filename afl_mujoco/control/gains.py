@@ -10,9 +10,9 @@ from importlib.resources.abc import Traversable
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from afl_mujoco.compiled import jitable
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, PlantRange
 from afl_mujoco.values import require_finite, require_positive, require_type
@@ -56,7 +56,7 @@ text name them, not as the header of Table 1 does (decision D2)."""
 GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
 
-@register_jitable
+@jitable
 def scheduled_gain(cart_mass, half_length, w):
     """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import jitable, kernel
 from afl_mujoco.control.gains import Gains
 from afl_mujoco.errors import ControllerDomainError
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -14,7 +13,7 @@ from afl_mujoco.scenario.parameters import CartPoleParameters
 # One-letter and Greek names are the paper's; every function is one numbered equation.
 
 
-@register_jitable
+@jitable
 def linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravity):
     """Return the force F [N] that makes z'' = u and phi'' = 3/(4l) (g sin + u cos), Eq. (L1)."""
     sin, cos = np.sin(phi), np.cos(phi)
@@ -23,7 +22,7 @@ def linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravit
     return inertia * u + centripetal - 0.75 * pole_mass * gravity * sin * cos
 
 
-@register_jitable
+@jitable
 def xi1(z, phi, half_length):
     """Return the output coordinate xi1 [m], Eq. (L2), ln((1 + sin)/cos) written as arcsinh(tan).
 
@@ -32,20 +31,20 @@ def xi1(z, phi, half_length):
     return z - 4.0 / 3.0 * half_length * np.arcsinh(np.sin(phi) / np.cos(phi))
 
 
-@register_jitable
+@jitable
 def xi2(z_dot, phi, phi_dot, half_length):
     """Return xi2 = xi1' [m/s], Eq. (L3)."""
     return z_dot - 4.0 / 3.0 * half_length * phi_dot / np.cos(phi)
 
 
-@register_jitable
+@jitable
 def xi3(phi, phi_dot, half_length, gravity):
     """Return xi3 = xi2' [m/s^2], Eq. (L4)."""
     sin, cos = np.sin(phi), np.cos(phi)
     return -sin / cos * (gravity + 4.0 / 3.0 * half_length * phi_dot**2 / cos)
 
 
-@register_jitable
+@jitable
 def xi4(phi, phi_dot, half_length, gravity):
     """Return xi4 [m/s^3], Eq. (L5): xi3' without its term -2 phi' tan(phi) u."""
     cos = np.cos(phi)
@@ -54,7 +53,7 @@ def xi4(phi, phi_dot, half_length, gravity):
     return -(cubic * phi_dot**2 + (3.0 / square - 2.0) * gravity) * phi_dot
 
 
-@register_jitable
+@jitable
 def alpha(phi, phi_dot, half_length, gravity):
     """Return the drift alpha of xi4' [m/s^4], Eq. (L6)."""
     sin, cos = np.sin(phi), np.cos(phi)
@@ -66,7 +65,7 @@ def alpha(phi, phi_dot, half_length, gravity):
     return constant - (quartic * rate2 + quadratic) * rate2
 
 
-@register_jitable
+@jitable
 def beta(phi, phi_dot, half_length, gravity):
     """Return the input gain beta of xi4' [1/s^2], Eq. (L7); negative near upright."""
     cos = np.cos(phi)
@@ -74,25 +73,25 @@ def beta(phi, phi_dot, half_length, gravity):
     return rate_part - 0.75 * gravity / half_length * (3.0 / cos - 2.0 * cos)
 
 
-@register_jitable
+@jitable
 def sliding_surface(xi_1, xi_2, xi_3, xi_4, slope):
     """Return s = (d/dt + lambda)^3 xi1 [m/s^3], Eq. (L8)."""
     return xi_4 + slope * (3.0 * xi_3 + slope * (3.0 * xi_2 + slope * xi_1))
 
 
-@register_jitable
+@jitable
 def surface_drift(alpha, xi_2, xi_3, xi_4, slope):
     """Return a, the part of s' without the input [m/s^4], first half of Eq. (L9)."""
     return alpha + slope * (3.0 * xi_4 + slope * (3.0 * xi_3 + slope * xi_2))
 
 
-@register_jitable
+@jitable
 def saturation(x):
     """Return sat(x) = clip(x, -1, 1)."""
     return np.minimum(np.maximum(x, -1.0), 1.0)
 
 
-@register_jitable
+@jitable
 def commanded_acceleration(surface, drift, input_gain, switching, boundary_layer):
     """Return u = -a/b + K sat(s/Phi) [m/s^2], Eq. (L10), with b = beta of (L7)."""
     return -drift / input_gain + switching * saturation(surface / boundary_layer)
@@ -102,7 +101,7 @@ _xi1, _xi2, _xi3, _xi4 = xi1, xi2, xi3, xi4
 _alpha, _beta, _linearizing_force = alpha, beta, linearizing_force
 
 
-@register_jitable
+@jitable
 def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):
     """Return s of Eq. (L8) and a of Eq. (L9)."""
     x1 = _xi1(z, phi, half_length)
@@ -113,7 +112,7 @@ def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):
     return sliding_surface(x1, x2, x3, x4, slope), drift
 
 
-@register_jitable
+@jitable
 def _force(
     z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity, switching, slope, layer
 ):

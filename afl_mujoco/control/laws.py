@@ -6,10 +6,9 @@ from contextlib import nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import Callback, call
+from afl_mujoco.compiled import Callback, call, jitable
 from afl_mujoco.control.controller import (
     AFFINE,
     CALLED,
@@ -48,7 +47,7 @@ class Law(NamedTuple):
     address: int  # of one that is called
 
 
-@register_jitable
+@jitable
 def command(law, time, state, values, out):
     """Write the inputs of a controller at a time of the segment, NaN where it has none.
 
@@ -72,7 +71,7 @@ def command(law, time, state, values, out):
     )  # fmt: skip
 
 
-@register_jitable
+@jitable
 def _row_at(law, time):
     """Write the row of an affine controller at a time."""
     k = 0

@@ -9,14 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.compiled import jitable
 
 if TYPE_CHECKING:
     from afl_mujoco.scenario.parameters import CartPoleParameters
 
 
-@register_jitable
+@jitable
 def determinant(phi, cart_mass, pole_mass):
     """Return D = 4/3 (M + m) - m cos^2(phi) [kg], the denominator of (P3) and (P4).
 
@@ -26,7 +27,7 @@ def determinant(phi, cart_mass, pole_mass):
     return 4.0 / 3.0 * (cart_mass + pole_mass) - pole_mass * np.cos(phi) ** 2
 
 
-@register_jitable
+@jitable
 def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return z'' [m/s^2], Eq. (P3).
 
@@ -41,7 +42,7 @@ def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gr
     )
 
 
-@register_jitable
+@jitable
 def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
     """Return phi'' [rad/s^2], Eq. (P4).
 

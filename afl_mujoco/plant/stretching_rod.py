@@ -13,12 +13,12 @@ of l gives the cart the impulse m s (change of l').
 from __future__ import annotations
 
 import numpy as np
-from numba.extending import register_jitable
 
+from afl_mujoco.compiled import jitable
 from afl_mujoco.plant.dynamics import determinant
 
 
-@register_jitable
+@jitable
 def stretching_accelerations(
     phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, half_length_rate
 ):

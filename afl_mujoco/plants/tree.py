@@ -11,10 +11,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import jitable, kernel
 
 Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
@@ -53,14 +52,14 @@ class Tree(NamedTuple):
     drift: Floats
 
 
-@register_jitable
+@jitable
 def _add(factor, vector, out):
     """Add a multiple of a vector; NumPy's array expressions take half a second each to compile."""
     for i in range(3):
         out[i] += factor * vector[i]
 
 
-@register_jitable
+@jitable
 def _add_turned(matrix, vector, out):
     """Add a matrix times a vector."""
     for i in range(3):
@@ -68,7 +67,7 @@ def _add_turned(matrix, vector, out):
             out[i] += matrix[i, j] * vector[j]
 
 
-@register_jitable
+@jitable
 def _add_cross(a, b, out):
     """Add a x b."""
     for i in range(3):
@@ -76,7 +75,7 @@ def _add_cross(a, b, out):
         out[i] += a[j] * b[k] - a[k] * b[j]
 
 
-@register_jitable
+@jitable
 def _turn_by(frame, quat):
     """Replace a frame by itself times the rotation of a unit quaternion."""
     row, w = np.zeros(3), quat[0]
@@ -91,7 +90,7 @@ def _turn_by(frame, quat):
             frame[i, j] += 2.0 * (row[k] * (x * y + w * z) + row[m] * (x * z - w * y))
 
 
-@register_jitable
+@jitable
 def _momentum(mass, moment, inertia, motion, out):
     """Fill I V: angular about the world's origin, and linear.
 
@@ -104,7 +103,7 @@ def _momentum(mass, moment, inertia, motion, out):
     _add_cross(motion[0], moment, out[1])
 
 
-@register_jitable
+@jitable
 def _move_joint(tree, j, shift, frame, place, motion):
     """Move what a joint carries, and fill its motion for a unit rate, (w, velocity at 0)."""
     _add_turned(frame, tree.jnt_axis[j], motion[tree.slides[j]])
@@ -121,7 +120,7 @@ def _move_joint(tree, j, shift, frame, place, motion):
     _add(-1.0, arm, place)
 
 
-@register_jitable
+@jitable
 def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner):
     """Fill where bodies are and how they move; accelerations are those at constant rates."""
     step = np.zeros((2, 3))
@@ -158,7 +157,7 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
                 _add(1.0, step[i], velocity[b, i])
 
 
-@register_jitable
+@jitable
 def _move_origin(tree, place, motion, velocity, acceleration, energy):
     """Put the origin between the bodies: moments about one far away cancel to rounding.
 
@@ -177,7 +176,7 @@ def _move_origin(tree, place, motion, velocity, acceleration, energy):
         _add_cross(motion[j, 0], middle, motion[j, 1])
 
 
-@register_jitable
+@jitable
 def _inertias(tree, place, frame, moment, inertia):
     """Fill the first moments and inertias of bodies about the origin."""
     for b in range(1, len(tree.parent)):
@@ -196,7 +195,7 @@ def _inertias(tree, place, frame, moment, inertia):
                     inertia[b, i, j] += own[i, k] * tree.body_inertia[b, k] * own[j, k]
 
 
-@register_jitable
+@jitable
 def _forces(tree, velocity, acceleration, moment, inertia, force, energy):
     """Fill the forces I A + V x* I V that bodies need, and add the energies of bodies."""
     held = np.zeros((2, 3))
@@ -212,7 +211,7 @@ def _forces(tree, velocity, acceleration, moment, inertia, force, energy):
         _add_cross(velocity[b, 0], held[1], force[b, 1])
 
 
-@register_jitable
+@jitable
 def _drifting(tree, frame, velocity, moment, force):
     """Add what bodies need whose centre and inertia change: m (2 w x u + R d'') and I' w."""
     for b in range(1, len(tree.parent)):
@@ -234,7 +233,7 @@ def _drifting(tree, frame, velocity, moment, force):
                     force[b, 0, i] += rate * velocity[b, 0, j]
 
 
-@register_jitable
+@jitable
 def _carries(parent, low, high):
     """Return whether a body is another, or one that carries it."""
     while high > low:
@@ -242,7 +241,7 @@ def _carries(parent, low, high):
     return high == low
 
 
-@register_jitable
+@jitable
 def _power(motion, force):
     """Return the power of a force on a motion."""
     total = 0.0
@@ -251,7 +250,7 @@ def _power(motion, force):
     return total
 
 
-@register_jitable
+@jitable
 def _motors(tree, place, frame, motion, owner, inputs):
     """Fill B: the gear of a joint's motor, J' of the wrench of a motor at a site."""
     for k in range(len(tree.motor_joint)):
@@ -274,7 +273,7 @@ def _motors(tree, place, frame, motion, owner, inputs):
                 inputs[j, k] = tree.motor_gain[k] * _power(motion[j], wrench)
 
 
-@register_jitable
+@jitable
 def _collect(tree, q, v, motion, owner, moment, inertia, force, mass, bias, energy):
     """Fill M and h: what lies beyond a joint moves as one rigid body, and needs one force."""
     total = np.zeros(len(tree.parent))

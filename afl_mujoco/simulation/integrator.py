@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 from scipy.integrate import DOP853, solve_ivp
 
+from afl_mujoco.compiled import jitable
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
@@ -58,14 +58,14 @@ REACHED, STOPPED, STUCK = range(3)
 that is short enough."""
 
 
-@register_jitable
+@jitable
 def _copy(source, target):
     """Copy numbers; an assignment of arrays would count references."""
     for i in range(len(target)):
         target[i] = source[i]
 
 
-@register_jitable
+@jitable
 def _stage(rates, arguments, time, state, step, slopes, row, point):
     """Write the slopes of one stage, and into `point` the state at which they are taken."""
     for i in range(len(state)):
@@ -76,7 +76,7 @@ def _stage(rates, arguments, time, state, step, slopes, row, point):
     rates(arguments, time + _NODES[row] * step, point, slopes[row])
 
 
-@register_jitable
+@jitable
 def try_step(rates, arguments, time, state, step, slopes, after):
     """Write the stages of a step and the state after it.
 
@@ -87,7 +87,7 @@ def try_step(rates, arguments, time, state, step, slopes, after):
         _stage(rates, arguments, time, state, step, slopes, row, after)
 
 
-@register_jitable
+@jitable
 def error_of(step, slopes, state, after, rtol, atol):
     """Return the error of a step, accepted below 1; NaN if a slope has no value."""
     fifth, third = 0.0, 0.0
@@ -104,7 +104,7 @@ def error_of(step, slopes, state, after, rtol, atol):
     return abs(step) * fifth / math.sqrt((fifth + 0.01 * third) * len(state))
 
 
-@register_jitable
+@jitable
 def step_factor(error, rejected):
     """Return the factor from a step with this error to the next step."""
     if not error < 1.0:
@@ -116,7 +116,7 @@ def step_factor(error, rejected):
     return min(factor, 1.0) if rejected else factor
 
 
-@register_jitable
+@jitable
 def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol):
     """Return the first step [s] that `solve_ivp` chooses; row 0 of `slopes` holds the slopes."""
     size, speed, bend = 0.0, 0.0, 0.0
@@ -140,7 +140,7 @@ def first_step(rates, arguments, time, state, longest, slopes, point, rtol, atol
     return min(100.0 * guess, second, longest)
 
 
-@register_jitable
+@jitable
 def _fit(rates, arguments, time, state, after, step, slopes, fitted, point):
     """Write the polynomials of the dense output over a step, shape (7, states)."""
     for row in range(STAGES + 1, ROWS):
@@ -157,7 +157,7 @@ def _fit(rates, arguments, time, state, after, step, slopes, fitted, point):
             fitted[3 + k, i] = step * sum_
 
 
-@register_jitable
+@jitable
 def _evaluate(fitted, state, share, found):
     """Write the dense output at a share of its step."""
     for i in range(len(state)):
@@ -168,7 +168,7 @@ def _evaluate(fitted, state, share, found):
         found[i] = state[i] + value
 
 
-@register_jitable
+@jitable
 def _crossing(limits, fitted, state, point):
     """Return the share of a step at which the margin is zero; write the state into `point`."""
     low, high = 0.0, 1.0
@@ -185,7 +185,7 @@ def _crossing(limits, fitted, state, point):
     return high
 
 
-@register_jitable
+@jitable
 def _take_step(rates, arguments, time, end, state, step, options, slopes, after):
     """Take a step that is short enough; return its end [s] and the factor for the next step.
 
@@ -206,7 +206,7 @@ def _take_step(rates, arguments, time, end, state, step, options, slopes, after)
     return time, 1.0
 
 
-@register_jitable
+@jitable
 def _report(fitted, time, state, reached, after, last, times, count, found):
     """Write the states at the times of a step up to `last`; return how many are written so far."""
     while count < len(times) and times[count] <= last:
@@ -218,13 +218,13 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
     return count
 
 
-@register_jitable
+@jitable
 def _crossed(limits, state, after):
     """Return whether a step goes across an end of the run."""
     return (limit_margin(limits, state) >= 0.0) != (limit_margin(limits, after) >= 0.0)
 
 
-@register_jitable
+@jitable
 def solve(rates, arguments, limits, start, end, state, times, options, work, found):
     """Integrate over a segment; return the number of times reached, and when and how it ended.
 
@@ -272,7 +272,7 @@ def solve(rates, arguments, limits, start, end, state, times, options, work, fou
     return count, time, REACHED
 
 
-@register_jitable
+@jitable
 def rk4_step(rates, arguments, time, step, state, work, after):
     """Write the state after a textbook RK4 step.
 
@@ -291,7 +291,7 @@ def rk4_step(rates, arguments, time, step, state, work, after):
         after[i] = state[i] + sixth * slopes
 
 
-@register_jitable
+@jitable
 def solve_rk4(rates, arguments, limits, start, end, state, times, options, work, found):
     """Integrate over a segment as `solve` does, by a step of RK4 from each time to the next."""
     after, time = work[5], start
@@ -492,7 +492,7 @@ def along_z(channels: Sequence[float]) -> float:
     return on_input + on_z
 
 
-@register_jitable
+@jitable
 def limit_margin(limits, state):
     """Return how far the state is from the end of a run: one of `limits`, or `STATE_LIMIT`."""
     margin, n = STATE_LIMIT, len(limits.ends)

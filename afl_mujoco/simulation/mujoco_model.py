@@ -9,10 +9,9 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import inlined_kernel, kernel, load, store
+from afl_mujoco.compiled import inlined_kernel, jitable, kernel, load, store
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.cartpole import CART_POLE, model_file
 from afl_mujoco.plants.library import (
@@ -163,7 +162,7 @@ def impulse_jump(at, impulse, out):
         out[i] -= load(at.smooth + 8 * i)
 
 
-@register_jitable
+@jitable
 def _turned(address, vector, out):
     """Add a matrix of MuJoCo times a vector."""
     for i in range(3):
@@ -171,7 +170,7 @@ def _turned(address, vector, out):
             out[i] += load(address + 8 * (3 * i + j)) * vector[j]
 
 
-@register_jitable
+@jitable
 def _crossed(a, b, factor, out):
     """Add a multiple of a x b."""
     for i in range(3):

@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, kernel
+from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import Laws, command
@@ -150,7 +149,7 @@ def _course(
     raise InvalidValueError(thing, rule)
 
 
-@register_jitable
+@jitable
 def _evaluate(course, x, out):
     """Write Chebyshev polynomials at x from -1 to 1, by Clenshaw's recurrence."""
     for i in range(len(out)):
@@ -160,7 +159,7 @@ def _evaluate(course, x, out):
         out[i] = course[i, 0] + x * b1 - b2
 
 
-@register_jitable
+@jitable
 def _write_at(at, line, space, time):
     """Set parameters and model to a time of a segment."""
     elapsed = time - line.start
@@ -175,7 +174,7 @@ def _write_at(at, line, space, time):
         _evaluate(line.drift, x, space.drift)
 
 
-@register_jitable
+@jitable
 def _write_rates(at, line, space, state, rates):
     """Write the rates of the plant under the inputs, NaN where the controller has none."""
     n = at.n
@@ -195,7 +194,7 @@ def _write_rates(at, line, space, state, rates):
     forward(at, state, space.inputs, space.forces, rates[n:])
 
 
-@register_jitable
+@jitable
 def loop_rates(arguments, time, state, rates):
     """Write the rates of the loop of plant and controller, as integrators need them.
 

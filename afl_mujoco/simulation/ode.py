@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import Callback, borrowing_kernel, call, kernel
+from afl_mujoco.compiled import Callback, borrowing_kernel, call, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import Law, Laws, command
@@ -211,14 +210,14 @@ def line_of(segment: Segment, change: ParameterChange) -> Line:
     return Line(segment.start, values, rates, np.array(segment.push), stretch)
 
 
-@register_jitable
+@jitable
 def values_at(line, time, values):
     """Write the parameters at a time."""
     for i in range(len(values)):
         values[i] = line.values[i] + line.rates[i] * (time - line.start)
 
 
-@register_jitable
+@jitable
 def write_rates(dynamics, line, space, time, state, rates):
     """Write the rates of a plant under ``space.inputs``, NaN where the controller has none."""
     n, k = dynamics.n, dynamics.k
@@ -236,7 +235,7 @@ def write_rates(dynamics, line, space, time, state, rates):
         _own_accelerations(dynamics, line, space, time, state, rates)
 
 
-@register_jitable
+@jitable
 def _own_accelerations(dynamics, line, space, time, state, rates):
     """Write the accelerations of a plant by its own equations."""
     n, k = dynamics.n, dynamics.k
@@ -265,7 +264,7 @@ def _own_accelerations(dynamics, line, space, time, state, rates):
             rates[n + i] -= space.drag[i]
 
 
-@register_jitable
+@jitable
 def _papers_accelerations(line, space, state, rates):
     """Write the accelerations of the cart-pole, of a rod that stretches where a rate acts."""
     p, stretch = space.values, line.stretch[0]
@@ -278,7 +277,7 @@ def _papers_accelerations(line, space, state, rates):
         rates[2], rates[3] = cart_acceleration(*given), pole_acceleration(*given)
 
 
-@register_jitable
+@jitable
 def _solve_in_place(matrix, right):
     """Replace b by the solution of A x = b, by elimination with the largest pivots.
 
@@ -306,7 +305,7 @@ def _solve_in_place(matrix, right):
         right[i] /= matrix[i * n + i]
 
 
-@register_jitable
+@jitable
 def loop_rates(arguments, time, state, rates):
     """Write the rates of the loop of plant and controller, as the integrators need them.
 
@@ -318,7 +317,7 @@ def loop_rates(arguments, time, state, rates):
     write_rates(dynamics, line, space, time, state, rates)
 
 
-@register_jitable
+@jitable
 def held_rates(arguments, time, state, rates):
     """Write the rates of the plant under inputs that are held.
 

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import borrowing_kernel, kernel
+from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import command
@@ -216,7 +215,7 @@ def _run(
     return states[: last + 1], kept[:, 0] if kept.shape[1] == 1 else kept, outcome
 
 
-@register_jitable
+@jitable
 def _hold(line, values, push, k):
     """Let parameters and disturbing forces be those of a step, where there are any."""
     for i in range(values.shape[1]):

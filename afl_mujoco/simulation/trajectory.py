@@ -16,10 +16,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import inlined_kernel, kernel
+from afl_mujoco.compiled import inlined_kernel, jitable, kernel
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, printable, reading
 from afl_mujoco.files import array_names, atomic_file, read_arrays
@@ -343,7 +342,7 @@ def _frozen(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float6
     return array
 
 
-@register_jitable
+@jitable
 def deviation(x, target, wraps):
     """Return how far a coordinate is from its target, modulo 2 pi where it wraps."""
     away = x - target

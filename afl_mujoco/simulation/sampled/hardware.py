@@ -6,10 +6,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import inlined_kernel, kernel
+from afl_mujoco.compiled import inlined_kernel, jitable, kernel
 from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import read_state
@@ -21,7 +20,7 @@ _LOW, _WORD = np.uint64(0xFFFFFFFF), np.uint64(32)
 _UNIT = 2.0**-32
 
 
-@register_jitable
+@jitable
 def _philox(c0, c1, c2, c3, k0, k1):
     """Return four words of 32 bits for a counter of four and a key of two, all as uint64."""
     for _ in range(_ROUNDS):
@@ -40,7 +39,7 @@ def random_words(counter, key):
     return _philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
 
-@register_jitable
+@jitable
 def _pair(first, second):
     """Return two independent standard normal numbers from two words, by Box and Muller."""
     radius = math.sqrt(-2.0 * math.log((float(first) + 0.5) * _UNIT))
