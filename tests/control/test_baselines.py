@@ -171,10 +171,7 @@ def test_the_gains_of_a_plant_do_not_depend_on_which_others_were_asked_for(name,
     box = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81)
     whole = CONTROLLERS[name].gains.over(box)
     nodes = [2.0 ** (k / 4.0) for k in range(-12, 1)]  # at a node, and a hair off it
-    pairs = [
-        *rng.uniform([0.1, 0.05], [2.0, 1.0], (20, 2)),
-        *((x, x * (1 - 1e-16)) for x in nodes),
-    ]
+    pairs = [*rng.uniform([0.1, 0.05], [2.0, 1.0], (20, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
     pairs += [(np.nextafter(x, 0.0), np.nextafter(x, 9.0)) for x in nodes[:-1]]
     for mass, length in pairs:
         alone = window(name, afl.CartPoleParameters(cart_mass=mass, half_length=length))

@@ -155,16 +155,12 @@ def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
     assert CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []
 
 
-@pytest.mark.parametrize(
-    ("names", "subject"),
-    [
-        (("lqr", "adaptive", "own.LQI"), "own.LQI"),
-        (("lqr", "fixed", "adaptive"), "adaptive"),
-        (("lqr", "adaptive-estimated"), "adaptive-estimated"),
-        (("lqr", "fixed"), "fixed"),
-        (("lqr",), "lqr"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("names", "subject"), [
+    (("lqr", "adaptive", "own.LQI"), "own.LQI"),
+    (("lqr", "fixed", "adaptive"), "adaptive"),
+    (("lqr", "adaptive-estimated"), "adaptive-estimated"),
+    (("lqr", "fixed"), "fixed"),
+    (("lqr",), "lqr"),
+], ids=str)  # fmt: skip
 def test_findings_are_about_the_users_own_controller_else_the_papers(names, subject) -> None:
     assert subject_of(names) == subject

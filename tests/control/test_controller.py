@@ -18,13 +18,10 @@ def _coordinates(states, p):
     z, phi, z_dot, phi_dot = states.T
     half, g = p.half_length, p.gravity
     return (
-        fl.xi1(z, phi, half),
-        fl.xi2(z_dot, phi, phi_dot, half),
-        fl.xi3(phi, phi_dot, half, g),
-        fl.xi4(phi, phi_dot, half, g),
-        fl.alpha(phi, phi_dot, half, g),
+        fl.xi1(z, phi, half), fl.xi2(z_dot, phi, phi_dot, half), fl.xi3(phi, phi_dot, half, g),
+        fl.xi4(phi, phi_dot, half, g), fl.alpha(phi, phi_dot, half, g),
         fl.beta(phi, phi_dot, half, g),
-    )
+    )  # fmt: skip
 
 
 def test_the_sliding_variable_is_l8(random_states, odd_parameters):

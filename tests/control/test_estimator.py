@@ -14,11 +14,7 @@ from numba.core.runtime import _nrt_python, rtsys
 
 import afl_mujoco as afl
 from afl_mujoco.control import estimator
-from afl_mujoco.control.estimator import (
-    EstimatorSettings,
-    fill_transition,
-    linearise,
-)
+from afl_mujoco.control.estimator import EstimatorSettings, fill_transition, linearise
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange
@@ -175,22 +171,19 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
 # The filter
 
 
-@pytest.mark.parametrize(
-    "settings",
-    [
-        pytest.param(EstimatorSettings(**ODD), id="usual"),
-        pytest.param(
-            EstimatorSettings(
-                **ODD, position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2,
-                cart_mass_accuracy=0.05, half_length_accuracy=0.2, least_cart_acceleration=2.0,
-                least_pole_acceleration=0.5, excitation_memory=0.02, initial_cart_mass=0.7,
-                initial_half_length=0.3, cart_mass_spread=0.6, half_length_spread=0.4,
-                speed_spread=0.3, rate_spread=0.2, cart_mass_range=(0.6, 1.2),
-                half_length_range=(0.15, 0.5),
-            ), id="every setting odd",
+@pytest.mark.parametrize("settings", [
+    pytest.param(EstimatorSettings(**ODD), id="usual"),
+    pytest.param(
+        EstimatorSettings(
+            **ODD, position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2,
+            cart_mass_accuracy=0.05, half_length_accuracy=0.2, least_cart_acceleration=2.0,
+            least_pole_acceleration=0.5, excitation_memory=0.02, initial_cart_mass=0.7,
+            initial_half_length=0.3, cart_mass_spread=0.6, half_length_spread=0.4, speed_spread=0.3,
+            rate_spread=0.2, cart_mass_range=(0.6, 1.2), half_length_range=(0.15, 0.5),
         ),
-    ],
-)  # fmt: skip
+        id="every setting odd",
+    ),
+])  # fmt: skip
 @pytest.mark.parametrize("dt", [1e-3, 4e-3], ids=["1 ms", "4 ms"])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
     known = known_to(settings)
@@ -374,19 +367,16 @@ def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     assert EstimatorSettings().on(light)[1][:2] == ((0.05, 2.5), (0.025, 1.25))
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"angle_noise": 0.0}, "must be positive, got 0.0"),
-        ({"speed_spread": math.nan}, "must be finite, got nan"),
-        ({"cart_mass_range": (1.0, 0.5)}, "must be two increasing numbers, got (1.0, 0.5)"),
-        ({"half_length_range": (1.0,)}, "must be two increasing numbers, got (1.0,)"),
-        (
-            {"initial_cart_mass": 3.0, "cart_mass_range": (0.1, 2.5)},
-            "must lie in cart_mass_range, 0.1 to 2.5, got 3.0",
-        ),
-    ],
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"angle_noise": 0.0}, "must be positive, got 0.0"),
+    ({"speed_spread": math.nan}, "must be finite, got nan"),
+    ({"cart_mass_range": (1.0, 0.5)}, "must be two increasing numbers, got (1.0, 0.5)"),
+    ({"half_length_range": (1.0,)}, "must be two increasing numbers, got (1.0,)"),
+    (
+        {"initial_cart_mass": 3.0, "cart_mass_range": (0.1, 2.5)},
+        "must lie in cart_mass_range, 0.1 to 2.5, got 3.0",
+    ),
+])  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_refused_in_one_line(changes, message):
     with pytest.raises(InvalidValueError) as caught:
         EstimatorSettings(**changes)

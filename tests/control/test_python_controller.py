@@ -142,38 +142,29 @@ class Mute(Exception):
     __repr__ = __str__
 
 
-@pytest.mark.parametrize(
-    "value",
-    [
-        3, np.float32(3.0), np.array(3.0), np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3),
-        Fraction(3), [Decimal(3)], Tensor(3.0), Tensor(3.0, graph=True), [np.array([3.0])],
-        Brief(3.0),
-    ],
-    ids=lambda x: type(x).__name__,
-)  # fmt: skip
+@pytest.mark.parametrize("value", [
+    3, np.float32(3.0), np.array(3.0), np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3),
+    Fraction(3), [Decimal(3)], Tensor(3.0), Tensor(3.0, graph=True), [np.array([3.0])], Brief(3.0),
+], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_one_number_in_any_shape_is_a_force(value):
     assert controller_of(lambda *_: value).command(0.0, STATE, ASSUMED) == 3.0
 
 
-@pytest.mark.parametrize(
-    ("value", "said"),
-    [
-        (None, "None"),
-        ("3", "'3'"),
-        (True, "True"),
-        (1j, "1j"),
-        ([1.0, 2.0], "an array of shape (2,)"),
-        (np.zeros((1, 2)), "an array of shape (1, 2)"),
-        (b"3", "b'3'"),
-        (np.True_, "np.True_"),
-        (np.array(["3"]), "an array of shape (1,)"),
-        (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
-        (Tensor(3.0, 4.0), "an array of shape (2,)"),
-        ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
-        (Mute(), "<Mute without a text>"),
-    ],
-    ids=lambda x: type(x).__name__,
-)
+@pytest.mark.parametrize(("value", "said"), [
+    (None, "None"),
+    ("3", "'3'"),
+    (True, "True"),
+    (1j, "1j"),
+    ([1.0, 2.0], "an array of shape (2,)"),
+    (np.zeros((1, 2)), "an array of shape (1, 2)"),
+    (b"3", "b'3'"),
+    (np.True_, "np.True_"),
+    (np.array(["3"]), "an array of shape (1,)"),
+    (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
+    (Tensor(3.0, 4.0), "an array of shape (2,)"),
+    ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
+    (Mute(), "<Mute without a text>"),
+], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_what_is_no_number_is_answered_in_one_line(value, said):
     with pytest.raises(ControllerError) as caught:
         controller_of(lambda *_: value).command(0.5, STATE, ASSUMED)
@@ -385,17 +376,13 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
     ]
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (lambda time, state: 0.0, "must take "),
-        (3.0, "must be callable, got 3.0"),
-        (lambda: 3.0, "must be callable, got 3.0"),
-        (type("Lame", (), {}), "must be callable"),
-        (type("Needy", (), {"__init__": lambda self, gain: None}), "cannot be started: TypeError"),
-    ],
-    ids=["two", "number", "makes a number", "no call", "needs an argument"],
-)
+@pytest.mark.parametrize(("given", "said"), [
+    (lambda time, state: 0.0, "must take "),
+    (3.0, "must be callable, got 3.0"),
+    (lambda: 3.0, "must be callable, got 3.0"),
+    (type("Lame", (), {}), "must be callable"),
+    (type("Needy", (), {"__init__": lambda self, gain: None}), "cannot be started: TypeError"),
+], ids=["two", "number", "makes a number", "no call", "needs an argument"])  # fmt: skip
 def test_what_makes_no_controller_is_refused_in_one_line(given, said):
     with pytest.raises(InvalidValueError, match=rf"^controller 'mine' {said}"):
         controller_of(given)

@@ -51,12 +51,9 @@ SOON = 15.0  # [s] in which a cluster that cannot be used is refused
 
 def started(workers: int) -> Any:
     return distributed.LocalCluster(
-        n_workers=workers,
-        threads_per_worker=1,
-        dashboard_address=None,
-        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},
-        silence_logs=100,
-    )
+        n_workers=workers, threads_per_worker=1, dashboard_address=None,
+        scheduler_kwargs={"dashboard_address": "127.0.0.1:0"}, silence_logs=100,
+    )  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -120,12 +120,9 @@ def program(folder: Path, workers: int, cluster: str = "") -> Iterator[subproces
     source.write_text(PROGRAM)
     process = subprocess.Popen(
         [sys.executable, source, str(workers), cluster, folder / "done"],
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
-    )
+        env={**os.environ, "PYTHONPATH": str(ROOT)}, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
     try:
         yield process
     finally:

@@ -38,23 +38,20 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     assert load_description(tmp_path / "again.toml") == one
 
 
-@pytest.mark.parametrize(
-    ("before", "after", "message"),
-    [
-        ("period = 0.01", "period = 0.0", "period must be positive, got 0"),
-        ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
-        ("resolution = 0.1", "resolution = -1.0", "resolution must not be negative, got -1"),
-        ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
-        ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
-        ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
-        ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
-        ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
-        ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
-        ("[nominal]", "[limits]\ngravity = 0\n[nominal]", "limits.gravity must be positive, got 0"),
-        ("[nominal]", "[nominal", "is not valid TOML"),
-        ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
-    ],
-)
+@pytest.mark.parametrize(("before", "after", "message"), [
+    ("period = 0.01", "period = 0.0", "period must be positive, got 0"),
+    ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
+    ("resolution = 0.1", "resolution = -1.0", "resolution must not be negative, got -1"),
+    ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
+    ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
+    ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
+    ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
+    ("pole_mass = 0.1", "pole_mass = nan", "pole_mass"),
+    ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
+    ("[nominal]", "[limits]\ngravity = 0\n[nominal]", "limits.gravity must be positive, got 0"),
+    ("[nominal]", "[nominal", "is not valid TOML"),
+    ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
+])  # fmt: skip
 def test_what_breaks_a_rule_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:
     (tmp_path / "rig.toml").write_text(GOOD.replace(before, after))
     with pytest.raises(AflMujocoError) as error:

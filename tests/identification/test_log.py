@@ -81,9 +81,7 @@ def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> Non
 
 def test_units_and_signs(columns) -> None:
     other = replace(
-        PLAIN,
-        phi=AngleColumn(unit="deg", sign=-1, zero=2.0),
-        z=PositionColumn(unit="mm", sign=-1),
+        PLAIN, phi=AngleColumn(unit="deg", sign=-1, zero=2.0), z=PositionColumn(unit="mm", sign=-1)
     )
     turned = {
         **columns, "phi": 2.0 - np.degrees(columns["phi"]), "z": -1e3 * columns["z"],
@@ -183,27 +181,15 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(
     assert (there.phi == here.phi).all() and (there.command == here.command).all()
 
 
-@pytest.mark.parametrize(
-    ("change", "encoding", "message"),
-    [
-        (("0.08,", "0.08,,"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas"),
-        (
-            ("\n0.08,", "\n# a note\n\nx,"),
-            "utf-8",
-            "row 5 (line 8) must have a number in column 't",
-        ),
-        (
-            ("\n0.08,", "\n;"),
-            "utf-8",
-            "row 5 (line 6) must have 4 values, separated by commas, got",
-        ),
-        (("phi", "φ"), "utf-8", "the columns are time, φ, z, command (separated by commas)"),
-        (("phi", "phi [°]"), "latin-1", "not UTF-8 text in line 1, but perhaps Latin-1: save it"),
-        (("", ""), "utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
-        (("time", '"time'), "utf-8", "is not a table of numbers separated by commas"),
-    ],
-    ids=lambda value: value if value in ("latin-1", "utf-16") else "",
-)
+@pytest.mark.parametrize(("change", "encoding", "message"), [
+    (("0.08,", "0.08,,"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas"),
+    (("\n0.08,", "\n# a note\n\nx,"), "utf-8", "row 5 (line 8) must have a number in column 't"),
+    (("\n0.08,", "\n;"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas, got"),
+    (("phi", "φ"), "utf-8", "the columns are time, φ, z, command (separated by commas)"),
+    (("phi", "phi [°]"), "latin-1", "not UTF-8 text in line 1, but perhaps Latin-1: save it"),
+    (("", ""), "utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
+    (("time", '"time'), "utf-8", "is not a table of numbers separated by commas"),
+], ids=lambda value: value if value in ("latin-1", "utf-16") else "")  # fmt: skip
 def test_what_is_wrong_in_a_log_names_separator_encoding_or_row(
     tmp_path: Path, columns, change: tuple[str, str], encoding: str, message: str
 ) -> None:

@@ -139,15 +139,12 @@ def test_the_fall_is_that_of_the_readable_path() -> None:
     assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=one_step)
 
 
-@pytest.mark.parametrize(
-    ("gains", "plant", "start"),
-    [
-        ((110.0, 1.28, 100.0), (1.0, 0.5), (0.0, 1.0, 0.0, 9e5)),
-        ((110.0, 1.28, 100.0), (1.0, 650.0), (6.3, -0.21, -7.3, -71.0)),
-        ((110.0, 1.28, 100.0), (1.0, 12.6), (0.0, 1.5, 0.0, 100.0)),
-        ((110.0, 1.28e6, 100.0), (1.0, 0.5), (0.0, -1.0, 0.0, 0.0)),
-    ],
-)
+@pytest.mark.parametrize(("gains", "plant", "start"), [
+    ((110.0, 1.28, 100.0), (1.0, 0.5), (0.0, 1.0, 0.0, 9e5)),
+    ((110.0, 1.28, 100.0), (1.0, 650.0), (6.3, -0.21, -7.3, -71.0)),
+    ((110.0, 1.28, 100.0), (1.0, 12.6), (0.0, 1.5, 0.0, 100.0)),
+    ((110.0, 1.28e6, 100.0), (1.0, 0.5), (0.0, -1.0, 0.0, 0.0)),
+])  # fmt: skip
 def test_a_loop_whose_first_step_overflows_is_lost_and_ends(gains, plant, start) -> None:
     terms = closed_loop_terms([gains], plant, initial_state=start)
     assert terms.lost[0]
@@ -155,19 +152,16 @@ def test_a_loop_whose_first_step_overflows_is_lost_and_ends(gains, plant, start)
     assert np.isfinite(penalised_objective(terms, SCALES, 20.0)).all()
 
 
-@pytest.mark.parametrize(
-    ("gains", "plants", "options", "message"),
-    [
-        ([[100.0, 1.0]], (1.0, 0.5), {}, "gains must have shape"),
-        ([[100.0, -1.0, 90.0]], (1.0, 0.5), {}, "gains must be positive and finite, got -1"),
-        ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"duration": 0.0}, "duration must be positive"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
-        ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
-        ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
-    ],
-)
+@pytest.mark.parametrize(("gains", "plants", "options", "message"), [
+    ([[100.0, 1.0]], (1.0, 0.5), {}, "gains must have shape"),
+    ([[100.0, -1.0, 90.0]], (1.0, 0.5), {}, "gains must be positive and finite, got -1"),
+    ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
+    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"duration": 0.0}, "duration must be positive"),
+    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"tolerance": -1.0}, "tolerance must"),
+    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
+    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
+    ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
+])  # fmt: skip
 def test_bad_input_is_refused(gains, plants, options, message) -> None:
     with pytest.raises(InvalidValueError, match=message):
         closed_loop_terms(gains, plants, **options)

@@ -153,16 +153,12 @@ def test_an_unsound_checkpoint_is_refused_in_one_line_and_left(file: Path, chang
     assert file.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("settings", "box", "seed", "said"),
-    [
-        (replace(SETTINGS, parents=2), BOX, SEED, "parents is 3 there and 2 here"),
-        (SETTINGS, Box((-2.5, 5.0), BOX.upper), SEED, "lower[0] is -2.0 there and -2.5 here"),
-        (SETTINGS, BOX, (7, 4), "seed[1] is 3 there and 4 here"),
-        (SETTINGS, BOX, 7, "seed is [7, 3] there and 7 here"),
-    ],
-    ids=["settings", "box", "seed", "kind-of-seed"],
-)
+@pytest.mark.parametrize(("settings", "box", "seed", "said"), [
+    (replace(SETTINGS, parents=2), BOX, SEED, "parents is 3 there and 2 here"),
+    (SETTINGS, Box((-2.5, 5.0), BOX.upper), SEED, "lower[0] is -2.0 there and -2.5 here"),
+    (SETTINGS, BOX, (7, 4), "seed[1] is 3 there and 4 here"),
+    (SETTINGS, BOX, 7, "seed is [7, 3] there and 7 here"),
+], ids=["settings", "box", "seed", "kind-of-seed"])  # fmt: skip
 def test_a_checkpoint_of_another_search_is_refused_with_what_differs(
     file: Path, settings: GeneticSettings, box: Box, seed: int | tuple[int, ...], said: str
 ) -> None:

@@ -20,15 +20,11 @@ PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3
 HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
 NOT_NEGATIVE = st.floats(0, 1e3)
 IMPERFECTIONS = st.builds(
-    Imperfections,
-    control_period=st.none() | POSITIVE,
-    delay=st.floats(0, 9),
-    noise=st.fixed_dictionaries({"phi": NOT_NEGATIVE}),
-    differentiated=st.booleans(),
+    Imperfections, control_period=st.none() | POSITIVE, delay=st.floats(0, 9),
+    noise=st.fixed_dictionaries({"phi": NOT_NEGATIVE}), differentiated=st.booleans(),
     end_stops=st.just({}) | st.fixed_dictionaries({"z": st.floats(1.1e5, 1e6)}),
-    tip_mass_share=st.floats(0, 0.999),
-    seed=st.integers(0, 2**63 - 1),
-)
+    tip_mass_share=st.floats(0, 0.999), seed=st.integers(0, 2**63 - 1),
+)  # fmt: skip
 ASSUMED = st.builds(
     Assumed, value=st.sampled_from(("true", "nominal")) | POSITIVE, error=st.floats(-0.999, 1e3)
 )
@@ -49,17 +45,13 @@ def scenarios(draw):
     return Scenario(
         name=draw(NAMES),
         schedule={
-            "cart_mass": schedule(),
-            "half_length": schedule(),
-            "pole_mass": draw(POSITIVE),
+            "cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
             "gravity": draw(POSITIVE),
         },
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
-        duration=draw(st.floats(10, 1e3)),
-        imperfections=draw(IMPERFECTIONS),
-        belief=draw(BELIEFS),
-    )
+        duration=draw(st.floats(10, 1e3)), imperfections=draw(IMPERFECTIONS), belief=draw(BELIEFS),
+    )  # fmt: skip
 
 
 def test_any_scenario_survives_its_file(tmp_path_factory):

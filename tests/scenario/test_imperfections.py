@@ -18,24 +18,14 @@ from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 
 REAL = Imperfections(
-    control_period=0.004,
-    input_limit=60.5,
-    slew_rate=4000.0,
-    lag=0.003,
-    delay=0.0025,
+    control_period=0.004, input_limit=60.5, slew_rate=4000.0, lag=0.003, delay=0.0025,
     encoder_step={"z": 1e-4, "phi": 2e-3},
-    noise={"z": 1.5e-3, "phi": 2.5e-3, "z_dot": 0.011, "phi_dot": 0.012},
-    differentiated=True,
-    velocity_filter=0.007,
-    damping={"z": 0.21, "phi": 0.0011},
-    dry_friction={"z": 0.31, "phi": 2e-4},
-    armature={"z": 0.041, "phi": 0.00051},
-    end_stops={"z": 1.9},
-    tip_mass_share=0.23,
-    pole_radius=0.013,
-    parameter_delay=0.09,
+    noise={"z": 1.5e-3, "phi": 2.5e-3, "z_dot": 0.011, "phi_dot": 0.012}, differentiated=True,
+    velocity_filter=0.007, damping={"z": 0.21, "phi": 0.0011},
+    dry_friction={"z": 0.31, "phi": 2e-4}, armature={"z": 0.041, "phi": 0.00051},
+    end_stops={"z": 1.9}, tip_mass_share=0.23, pole_radius=0.013, parameter_delay=0.09,
     seed=2**63 - 1,
-)
+)  # fmt: skip
 """It differs from the ideal in every field."""
 
 FIELDS = [field.name for field in dataclasses.fields(Imperfections)]
@@ -53,30 +43,26 @@ def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
         assert load_scenario(tmp_path / "s.toml") == scenario
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("drag = 1", "imperfections.drag is not a known key; known keys: control_period, delay, "),
-        (
-            "encoder_step.z = 1e-13",
-            "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-13",
-        ),
-        ("delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
-        ("delay = inf", "imperfections.delay must be finite, got inf"),
-        ("noise.z = 'much'", "imperfections.noise.z must be a number, got 'much'"),
-        ("control_period = 0", "imperfections.control_period must be positive, got 0.0"),
-        ("input_limit = -5", "imperfections.input_limit must be positive, got -5.0"),
-        ("slew_rate = 0.0", "imperfections.slew_rate must be positive, got 0.0"),
-        ("end_stops.z = nan", "imperfections.end_stops.z must be finite, got nan"),
-        ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
-        ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
-        ("seed = -1", "imperfections.seed must lie in 0 to 2**63 - 1, got -1"),
-        ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
-        ("seed = true", "imperfections.seed must be a whole number, got True"),
-        ("end_stops.z = 0.5", "initial_state z must lie within end_stops.z, 0.5 m, got"),
-    ],
-    ids=lambda value: value if "must" not in value and "known" not in value else "",
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("drag = 1", "imperfections.drag is not a known key; known keys: control_period, delay, "),
+    (
+        "encoder_step.z = 1e-13",
+        "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-13",
+    ),
+    ("delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
+    ("delay = inf", "imperfections.delay must be finite, got inf"),
+    ("noise.z = 'much'", "imperfections.noise.z must be a number, got 'much'"),
+    ("control_period = 0", "imperfections.control_period must be positive, got 0.0"),
+    ("input_limit = -5", "imperfections.input_limit must be positive, got -5.0"),
+    ("slew_rate = 0.0", "imperfections.slew_rate must be positive, got 0.0"),
+    ("end_stops.z = nan", "imperfections.end_stops.z must be finite, got nan"),
+    ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
+    ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
+    ("seed = -1", "imperfections.seed must lie in 0 to 2**63 - 1, got -1"),
+    ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
+    ("seed = true", "imperfections.seed must be a whole number, got True"),
+    ("end_stops.z = 0.5", "initial_state z must lie within end_stops.z, 0.5 m, got"),
+], ids=lambda value: value if "must" not in value and "known" not in value else "")  # fmt: skip
 def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(f"initial_state = [-0.6, 0, 0, 0]\n[imperfections]\n{text}")

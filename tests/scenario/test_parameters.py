@@ -17,21 +17,18 @@ def test_the_defaults_are_the_nominal_plant_of_the_paper():
 
 
 @pytest.mark.parametrize("name", FIELDS)
-@pytest.mark.parametrize(
-    ("value", "message"),
-    [
-        pytest.param(-0.1, "must be positive, got -0.1", id="negative"),
-        pytest.param(0, "must be positive, got 0.0", id="zero"),
-        pytest.param(float("nan"), "must be finite, got nan", id="nan"),
-        pytest.param(float("inf"), "must be finite, got inf", id="inf"),
-        pytest.param("1.0", "must be a number, got '1.0'", id="text"),
-        pytest.param(b"1.0", "must be a number, got b'1.0'", id="bytes"),
-        pytest.param(True, "must be a number, got True", id="bool"),
-        pytest.param(None, "must be a number, got None", id="none"),
-        pytest.param(1j, "must be a number, got 1j", id="complex"),
-        pytest.param([1.0], "must be a number, got [1.0]", id="list"),
-    ],
-)
+@pytest.mark.parametrize(("value", "message"), [
+    pytest.param(-0.1, "must be positive, got -0.1", id="negative"),
+    pytest.param(0, "must be positive, got 0.0", id="zero"),
+    pytest.param(float("nan"), "must be finite, got nan", id="nan"),
+    pytest.param(float("inf"), "must be finite, got inf", id="inf"),
+    pytest.param("1.0", "must be a number, got '1.0'", id="text"),
+    pytest.param(b"1.0", "must be a number, got b'1.0'", id="bytes"),
+    pytest.param(True, "must be a number, got True", id="bool"),
+    pytest.param(None, "must be a number, got None", id="none"),
+    pytest.param(1j, "must be a number, got 1j", id="complex"),
+    pytest.param([1.0], "must be a number, got [1.0]", id="list"),
+])  # fmt: skip
 def test_a_value_that_breaks_a_rule_is_refused_by_name(name, value, message):
     with pytest.raises(InvalidValueError) as caught:
         CartPoleParameters(**{name: value})

@@ -56,19 +56,15 @@ def test_only_what_the_file_says_varies(rig: afl.Scenario) -> None:
         assert abs(phi) <= 0.3 and abs(error) <= 0.1
         assert 0.1 <= sample.pole_mass <= 0.3 and 9.79 <= sample.gravity <= 9.83
         own = replace(
-            sample,
-            name="rig",
+            sample, name="rig",
             schedule={
-                **sample.schedule,
-                "cart_mass": rig.cart_mass,
-                "pole_mass": rig.pole_mass,
+                **sample.schedule, "cart_mass": rig.cart_mass, "pole_mass": rig.pole_mass,
                 "gravity": rig.gravity,
             },
-            initial_state=rig.initial_state,
-            ranges=rig.ranges,
+            initial_state=rig.initial_state, ranges=rig.ranges,
             belief=sample.belief.changed(half_length_error=0.0),
             imperfections=replace(sample.imperfections, seed=0),
-        )
+        )  # fmt: skip
         assert own == rig
         assert 6.0 <= min(sample.cart_mass.values) <= max(sample.cart_mass.values) <= 12.0
         steepest = np.abs(np.diff(sample.cart_mass.values) / np.diff(sample.cart_mass.times))
@@ -106,10 +102,8 @@ def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_re
 @settings(deadline=None, max_examples=40)
 @given(
     st.lists(st.integers(1, 400), min_size=1, max_size=6, unique=True).map(sorted),
-    st.lists(st.floats(0.1, 5.0), min_size=7, max_size=7),
-    st.floats(0.05, 20.0),
-    st.booleans(),
-)
+    st.lists(st.floats(0.1, 5.0), min_size=7, max_size=7), st.floats(0.05, 20.0), st.booleans(),
+)  # fmt: skip
 def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rate, ramps) -> None:
     step = 5e-3
     grid = np.arange(0.0, 30.0, step)
@@ -131,26 +125,23 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
     np.testing.assert_allclose(limited(grid)[settled], target[settled], rtol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
-        ("phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run ends"),
-        ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
-        ("phi = [1]", "ranges.phi must be a range: its least and its largest value, got [1]"),
-        ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
-        ("phi = [nan, 1]", "ranges.phi must be finite, got nan"),
-        ("phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
-        ("cart_mass = [0.0, 1.0]", "ranges.cart_mass must be positive, got 0.0"),
-        ("delay = [-0.1, 0.0]", "ranges.delay must not be negative, got -0.1"),
-        ("cart_mass_rate = 1.0", "ranges.cart_mass_rate needs a range of cart_mass"),
-        ("changes = 3", "ranges.changes needs a range of cart_mass or half_length"),
-        ("cart_mass = [1, 2]\nchanges = -1", "ranges.changes must lie in 0 to 100, got -1"),
-        ("changes = 0", "ranges.changes needs a range of cart_mass or half_length"),
-        ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
-        ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
+    ("phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run ends"),
+    ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
+    ("phi = [1]", "ranges.phi must be a range: its least and its largest value, got [1]"),
+    ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
+    ("phi = [nan, 1]", "ranges.phi must be finite, got nan"),
+    ("phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
+    ("cart_mass = [0.0, 1.0]", "ranges.cart_mass must be positive, got 0.0"),
+    ("delay = [-0.1, 0.0]", "ranges.delay must not be negative, got -0.1"),
+    ("cart_mass_rate = 1.0", "ranges.cart_mass_rate needs a range of cart_mass"),
+    ("changes = 3", "ranges.changes needs a range of cart_mass or half_length"),
+    ("cart_mass = [1, 2]\nchanges = -1", "ranges.changes must lie in 0 to 100, got -1"),
+    ("changes = 0", "ranges.changes needs a range of cart_mass or half_length"),
+    ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
+    ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
+])  # fmt: skip
 def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "own.toml").write_text(f"[ranges]\n{text}\n")
     with pytest.raises(AflMujocoError) as raised:
@@ -185,14 +176,10 @@ def test_without_changes_m_and_l_are_drawn_once_for_the_whole_run() -> None:
     np.testing.assert_allclose(space.scenario_of([0.4, 0.2], 0, 0).cart_mass.values, 12.0)
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"changes": 100, "last_change": 0.1}, "last_change must be more than 0.1 s, for there "),
-        ({"last_change": 30.0}, "last_change must be within the duration, got 30.0"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"changes": 100, "last_change": 0.1}, "last_change must be more than 0.1 s, for there "),
+    ({"last_change": 30.0}, "last_change must be within the duration, got 30.0"),
+], ids=str)  # fmt: skip
 def test_instants_that_find_no_room_are_refused(changes, message: str) -> None:
     own = afl.Scenario(name="own", ranges=Ranges(varied={"cart_mass": (1.0, 2.0)}, **changes))
     with pytest.raises(AflMujocoError) as raised:

@@ -39,43 +39,37 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(TABLE)
     scenario = afl.load_scenario(tmp_path / "rig.toml")
     assert scenario.requirements == Requirements(
-        completes=False,
-        max={"z": 1.0, "phi": 0.3, "force": 150.0},
-        settling_time=5.5,
-        recover_within=3.0,
-        bands={"z": 0.1},
-    )
+        completes=False, max={"z": 1.0, "phi": 0.3, "force": 150.0}, settling_time=5.5,
+        recover_within=3.0, bands={"z": 0.1},
+    )  # fmt: skip
     save_scenario(scenario, tmp_path / "again.toml")
     assert afl.load_scenario(tmp_path / "again.toml") == scenario
     assert "bands.phi" not in (tmp_path / "again.toml").read_text()  # a default
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("max.z = -1", "requirements.max.z must be positive, got -1"),
-        ("max.phi = nan", "requirements.max.phi must be"),
-        (
-            "max.phi = 15",
-            "requirements.max.phi must be at most 1.57 rad, where a run ends (15 degrees is",
-        ),
-        (
-            "bands.phi = 2",
-            "requirements.bands.phi must be at most 1.57 rad, where a run ends (2 degrees",
-        ),
-        ('max.force = "weak"', "requirements.max.force must be a number, got 'weak'"),
-        ("bands.phi = 0", "requirements.bands.phi must be positive, got 0"),
-        ("completes = 1", "requirements.completes must be true or false, got 1"),
-        ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
-        ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
-        ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
-        (
-            "settling_time = 20",
-            "requirements.settling_time must be less than 20 s, the duration, got 20 s",
-        ),
-        ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
-    ],
-)
+@pytest.mark.parametrize(("text", "message"), [
+    ("max.z = -1", "requirements.max.z must be positive, got -1"),
+    ("max.phi = nan", "requirements.max.phi must be"),
+    (
+        "max.phi = 15",
+        "requirements.max.phi must be at most 1.57 rad, where a run ends (15 degrees is",
+    ),
+    (
+        "bands.phi = 2",
+        "requirements.bands.phi must be at most 1.57 rad, where a run ends (2 degrees",
+    ),
+    ('max.force = "weak"', "requirements.max.force must be a number, got 'weak'"),
+    ("bands.phi = 0", "requirements.bands.phi must be positive, got 0"),
+    ("completes = 1", "requirements.completes must be true or false, got 1"),
+    ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
+    ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
+    ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
+    (
+        "settling_time = 20",
+        "requirements.settling_time must be less than 20 s, the duration, got 20 s",
+    ),
+    ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
+])  # fmt: skip
 def test_a_requirement_that_breaks_its_rule_is_named(
     tmp_path: Path, text: str, message: str
 ) -> None:
@@ -85,13 +79,10 @@ def test_a_requirement_that_breaks_its_rule_is_named(
     assert str(caught.value).startswith(f"{tmp_path / 'bad.toml'}: {message}")
 
 
-@pytest.mark.parametrize(
-    ("asked", "message"),
-    [
-        ({"settling_time": 2.0}, "must be less than 2 s, the start of the first disturbance"),
-        ({"recover_within": 3.4}, "must be less than 3.4 s, the time left after the disturbance"),
-    ],
-)
+@pytest.mark.parametrize(("asked", "message"), [
+    ({"settling_time": 2.0}, "must be less than 2 s, the start of the first disturbance"),
+    ({"recover_within": 3.4}, "must be less than 3.4 s, the time left after the disturbance"),
+])  # fmt: skip
 def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:
     with pytest.raises(AflMujocoError, match=message):
         afl.Scenario(

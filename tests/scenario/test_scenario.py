@@ -24,15 +24,10 @@ def test_segments_cover_the_horizon_without_gap(odd_scenario):
 
 
 def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
-    scenario = Scenario(
-        name="x",
-        schedule={
-            "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
-            "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
-        },
-        disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)),
-        duration=20.0,
-    )
+    scenario = Scenario(name="x", schedule={
+        "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
+        "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+    }, disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)), duration=20.0)  # fmt: skip
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
 
 
@@ -132,17 +127,13 @@ def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
     assert str(caught.value) == message
 
 
-@pytest.mark.parametrize(
-    ("build", "message"),
-    [
-        (lambda: ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
-        (lambda: ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
-        (lambda: ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
-        (lambda: Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
-        (lambda: Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
-    ],
-    ids=["force", "start", "duration", "momentum", "time"],
-)
+@pytest.mark.parametrize(("build", "message"), [
+    (lambda: ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
+    (lambda: ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
+    (lambda: ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
+    (lambda: Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
+    (lambda: Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
+], ids=["force", "start", "duration", "momentum", "time"])  # fmt: skip
 def test_a_disturbance_that_breaks_a_rule_is_refused_in_one_line(build, message):
     with pytest.raises(InvalidValueError) as caught:
         build()

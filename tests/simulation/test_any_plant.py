@@ -71,23 +71,17 @@ def terms(q, v, p):
 
 
 SLED = afl.Plant(
-    name="sled",
-    model=RENAMED,
-    coordinates=("way", "lean"),
-    inputs=("pull",),
+    name="sled", model=RENAMED, coordinates=("way", "lean"), inputs=("pull",),
     parameters={
         "sled_mass": afl.Parameter(1.0, "kg", low=0.1, high=2.0),
         "stick_mass": afl.Parameter(0.05, "kg", low=0.01, high=1.0),
         "reach": afl.Parameter(0.5, "m", low=0.05, high=1.0),
         "weight": afl.Parameter(9.81, "m/s^2", low=1.0, high=20.0),
     },
-    write=write,
-    terms=terms,
-    upright=(0.0, 0.0),
-    wraps=("lean",),
+    write=write, terms=terms, upright=(0.0, 0.0), wraps=("lean",),
     ends_at={"lean": 0.5 * np.pi - 1e-3},
     signals={"top": lambda q, v, p: 2.0 * p.reach * cos(q[1])},
-)
+)  # fmt: skip
 
 
 def steady(time, state, belief):
@@ -127,14 +121,10 @@ def renamed(scenario: afl.Scenario) -> afl.Scenario:
     }
     values = scenario.schedule.values()
     return afl.Scenario(
-        name="own",
-        plant=SLED,
-        schedule=dict(zip(SLED.parameters, values, strict=True)),
-        disturbances=scenario.disturbances,
-        imperfections=replace(r, **tables),
-        initial_state=scenario.initial_state,
-        duration=scenario.duration,
-    )
+        name="own", plant=SLED, schedule=dict(zip(SLED.parameters, values, strict=True)),
+        disturbances=scenario.disturbances, imperfections=replace(r, **tables),
+        initial_state=scenario.initial_state, duration=scenario.duration,
+    )  # fmt: skip
 
 
 def test_a_plant_of_other_names_runs_bit_for_bit_as_the_cart_pole() -> None:
@@ -162,14 +152,11 @@ def test_mujoco_is_the_plants_own_equations(mode) -> None:
 
 def test_a_quadrotor_that_picks_up_a_load_is_its_equations_under_an_lqr() -> None:
     scenario = afl.Scenario(
-        name="hover",
-        plant=QUADROTOR,
+        name="hover", plant=QUADROTOR,
         schedule={"load": afl.staircase([0.4], [0.02, 0.3]), "length": 0.6},
         disturbances=(afl.ForcePulse(force=1.0, start=0.6, duration=0.1, coordinate="x"),),
-        requirements=afl.Requirements(target={"z": 0.5}),
-        initial_state={"x": 0.1},
-        duration=1.0,
-    )
+        requirements=afl.Requirements(target={"z": 0.5}), initial_state={"x": 0.1}, duration=1.0,
+    )  # fmt: skip
     lqr = bound(afl.CONTROLLERS["lqr"], scenario)
     run = afl.simulate_mujoco(scenario, lqr, "exact", timestep=0.01)
     truth = afl.simulate_ode(scenario, lqr, sample_period=0.01)
@@ -208,7 +195,7 @@ def test_requirements_go_by_the_plants_names_and_measure_from_the_target() -> No
     (row,) = afl.compare(scenario, "lqr").rows
     found = {one.requirement: one for one in row.requirements}
     assert list(found) == [
-        *("completes", "max.way", "max.pull", "max.top", "min.top", "settling_time"),
+        *("completes", "max.way", "max.pull", "max.top", "min.top", "settling_time")
     ]
     assert row.failure == "" and row.settled
     assert found["min.top"].value == pytest.approx(np.cos(0.1), abs=0.05)
@@ -234,23 +221,20 @@ def test_without_an_end_a_pole_swings_round_and_is_measured_modulo_a_turn() -> N
     assert swung.outcome.kind == "completed" and swung.state[:, 1].max() > 3.2
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"initial_state": {"phi": 0.1}}, "initial_state name must be one of way, lean, way_dot"),
-        ({"initial_state": (0.0, 0.1)}, "initial_state must hold four numbers, got 2"),
-        ({"schedule": {"cart_mass": 1.0}}, "schedule name must be one of sled_mass, stick_mass"),
-        ({"schedule": {"reach": -1.0}}, "schedule.reach must be positive, got -1.0"),
-        ({"imperfections": {"noise": {"phi": 1.0}}}, "imperfections.noise name must be one of way"),
-        ({"imperfections": {"tip_mass_share": 0.1}}, "imperfections.tip_mass_share is of another"),
-        ({"requirements": {"max": {"force": 1.0}}}, "requirements.max name must be one of way"),
-        ({"requirements": {"ends_at": {"z": 1.0}}}, "requirements.ends_at name must be one of way"),
-        ({"requirements": {"bands": {"lean": 2.0}}}, "requirements.bands.lean must be at most"),
-        ({"belief": {"M": 1.0}}, "belief.key must be one of sled_mass, stick_mass"),
-        ({"disturbances": (HIT,)}, "coordinate must be one of way, lean"),
-        ({"plant": 3}, "plant must be of type Plant"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("changes", "message"), [
+    ({"initial_state": {"phi": 0.1}}, "initial_state name must be one of way, lean, way_dot"),
+    ({"initial_state": (0.0, 0.1)}, "initial_state must hold four numbers, got 2"),
+    ({"schedule": {"cart_mass": 1.0}}, "schedule name must be one of sled_mass, stick_mass"),
+    ({"schedule": {"reach": -1.0}}, "schedule.reach must be positive, got -1.0"),
+    ({"imperfections": {"noise": {"phi": 1.0}}}, "imperfections.noise name must be one of way"),
+    ({"imperfections": {"tip_mass_share": 0.1}}, "imperfections.tip_mass_share is of another"),
+    ({"requirements": {"max": {"force": 1.0}}}, "requirements.max name must be one of way"),
+    ({"requirements": {"ends_at": {"z": 1.0}}}, "requirements.ends_at name must be one of way"),
+    ({"requirements": {"bands": {"lean": 2.0}}}, "requirements.bands.lean must be at most"),
+    ({"belief": {"M": 1.0}}, "belief.key must be one of sled_mass, stick_mass"),
+    ({"disturbances": (HIT,)}, "coordinate must be one of way, lean"),
+    ({"plant": 3}, "plant must be of type Plant"),
+])  # fmt: skip
 def test_a_name_of_another_plant_is_refused_with_those_of_this(changes, message) -> None:
     kinds = {"imperfections": afl.Imperfections, "requirements": afl.Requirements}
     given = {k: kinds[k](**x) if k in kinds else x for k, x in changes.items()}

@@ -57,12 +57,9 @@ SI = {"scaled": False}
 
 def program(*lines: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-W", "error", "-c", "\n".join(lines)],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+        [sys.executable, "-W", "error", "-c", "\n".join(lines)], cwd=ROOT, capture_output=True,
+        text=True, check=False,
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("name", IDS)
@@ -240,18 +237,14 @@ def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPat
         blind.render()
 
 
-@pytest.mark.parametrize(
-    ("settings", "options", "message"),
-    [
-        ({"control_period": 0.0}, None, "control_period must be positive"),
-        ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),
-        ({}, {"state": 1}, "options of reset must be one of initial_state, got 'state'"),
-        ({}, {"initial_state": (0, 0)}, r"initial_state must hold four numbers, got \(2,\)"),
-        ({}, {"initial_state": (0, 0, math.nan, 0)}, "z_dot of initial_state must be finite"),
-        ({}, {"initial_state": (0, 1.6, 0, 0)}, "phi of initial_state must be within 1.5698 rad"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("settings", "options", "message"), [
+    ({"control_period": 0.0}, None, "control_period must be positive"),
+    ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),
+    ({}, {"state": 1}, "options of reset must be one of initial_state, got 'state'"),
+    ({}, {"initial_state": (0, 0)}, r"initial_state must hold four numbers, got \(2,\)"),
+    ({}, {"initial_state": (0, 0, math.nan, 0)}, "z_dot of initial_state must be finite"),
+    ({}, {"initial_state": (0, 1.6, 0, 0)}, "phi of initial_state must be within 1.5698 rad"),
+], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, message) -> None:
     with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
         CartPoleEnv(**settings).reset(options=options)

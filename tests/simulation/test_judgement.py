@@ -12,25 +12,16 @@ import afl_mujoco as afl
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of
-from afl_mujoco.simulation.judgement import (
-    failure_of,
-    judge,
-    judge_failure,
-)
+from afl_mujoco.simulation.judgement import failure_of, judge, judge_failure
 from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
 from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 ASKED = [name for name in asked_of(CART_POLE) if not name.startswith("min.")]
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
-ALL = Requirements(
-    max={
-        **{"z": 2.0, "phi": 0.5, "z_dot": 3.0, "phi_dot": 4.0},
-        **{"force_command": 45.0, "force": 30.0},
-    },
-    settling_time=3.0,
-    recover_within=2.0,
-    bands={"z": 0.1, "phi": 0.05},
-)
+ALL = Requirements(max={
+    **{"z": 2.0, "phi": 0.5, "z_dot": 3.0, "phi_dot": 4.0},
+    **{"force_command": 45.0, "force": 30.0},
+}, settling_time=3.0, recover_within=2.0, bands={"z": 0.1, "phi": 0.05})  # fmt: skip
 SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
 RAIL = Imperfections(end_stops={"z": 2.5})
 
@@ -161,17 +152,13 @@ def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     assert [one.met for one in found.values()] == [True, False, True, True]
 
 
-@pytest.mark.parametrize(
-    ("changes", "said", "ends"),
-    [
-        ({"encoder_step.phi": 0.15}, "encoder_step.phi, 0.15 rad, is no less", "degrees or counts"),
-        ({"encoder_step.z": 0.1}, "encoder_step.z, 0.1 m, is no less", "not in mm or counts"),
-        ({"noise.phi": 0.5}, "noise.phi, 0.5 rad, is no less than", "mrad"),
-        ({"noise.z": 0.5}, "noise.z, 0.5 m, is no less than the 0.1 m", "in mm"),
-        ({"delay": 8.0}, "the delay, 8 s, is longer than a pole", "not in ms or Hz"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("changes", "said", "ends"), [
+    ({"encoder_step.phi": 0.15}, "encoder_step.phi, 0.15 rad, is no less", "degrees or counts"),
+    ({"encoder_step.z": 0.1}, "encoder_step.z, 0.1 m, is no less", "not in mm or counts"),
+    ({"noise.phi": 0.5}, "noise.phi, 0.5 rad, is no less than", "mrad"),
+    ({"noise.z": 0.5}, "noise.z, 0.5 m, is no less than the 0.1 m", "in mm"),
+    ({"delay": 8.0}, "the delay, 8 s, is longer than a pole", "not in ms or Hz"),
+], ids=str)  # fmt: skip
 def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: str) -> None:
     scenario = dataclasses.replace(SCENARIO, imperfections=IDEAL.changed(changes))
     (remark,) = unit_remarks(scenario, 0.001)
@@ -245,16 +232,12 @@ def test_a_controller_that_does_nothing_is_remarked_on() -> None:
     assert remarks_on(pushed, upright, afl.find_controller("fixed")) == []
 
 
-@pytest.mark.parametrize(
-    ("mass", "said"),
-    [
-        (afl.staircase((5.0, 12.0), (1.0, 2.0, 1.5)), "M changes at 12 s, after the end at 10 s"),
-        (afl.trapezoid((8.0, 9.0, 11.0, 13.0), 1.0, 2.0), "M changes at 13 s, after the end"),
-        (afl.staircase((5.0,), (1.0, 2.0)), ""),
-        (afl.piecewise_linear((0.0, 5.0, 12.0), (1.0, 2.0, 2.0)), ""),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("mass", "said"), [
+    (afl.staircase((5.0, 12.0), (1.0, 2.0, 1.5)), "M changes at 12 s, after the end at 10 s"),
+    (afl.trapezoid((8.0, 9.0, 11.0, 13.0), 1.0, 2.0), "M changes at 13 s, after the end"),
+    (afl.staircase((5.0,), (1.0, 2.0)), ""),
+    (afl.piecewise_linear((0.0, 5.0, 12.0), (1.0, 2.0, 2.0)), ""),
+], ids=str)  # fmt: skip
 def test_a_change_of_the_plant_after_the_end_is_remarked_on(mass: afl.Schedule, said: str) -> None:
     scenario = dataclasses.replace(SCENARIO, schedule={**SCENARIO.schedule, "cart_mass": mass})
     found = remarks_on(made(), scenario, afl.find_controller("fixed"))

@@ -92,11 +92,7 @@ def test_overshoot_is_the_excursion_beyond_the_target() -> None:
     state = run.state.copy()
     state[:, 1] = -np.cos(run.time) * np.exp(-run.time)
     swung = Trajectory(
-        time=run.time,
-        state=state,
-        input=run.force,
-        parameters=run.parameters,
-        outcome=run.outcome,
+        time=run.time, state=state, input=run.force, parameters=run.parameters, outcome=run.outcome
     )
     at_peak = 0.75 * np.pi  # where the derivative of cos(t) exp(-t) vanishes
     expected = -np.cos(at_peak) * np.exp(-at_peak)

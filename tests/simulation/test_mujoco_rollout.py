@@ -189,22 +189,18 @@ STEPS = "timestep 0.003 s must divide control_period 0.01 s"
 INTEGRATORS = "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'; did you"
 
 
-@pytest.mark.parametrize(
-    ("name", "settings", "message"),
-    [
-        ("exact", {"mode": "fast"}, "mode must be one of exact, continuous, sampled, got 'fast'"),
-        ("sampled", {"timestep": 0.003, "control_period": 0.01}, STEPS),
-        ("ode held", {"timestep": 0.003, "control_period": 0.01}, STEPS),
-        ("ode held", {"control_period": 0.0}, "control_period must be positive, got 0.0"),
-        ("ode held", {"substeps": 0}, "substeps must be at least 1, got 0"),
-        ("continuous", {"timestep": -1e-3}, "timestep must be positive, got -0.001"),
-        ("ode", {"sample_period": 1.0}, "timestep must be within 0.8 s, got 1.0"),
-        ("ode", {"rtol": -1.0}, "rtol must be"),
-        ("ode", {"method": "Euler"}, "method must be one of DOP853, Radau, RK45, LSODA"),
-        *((mode, {"integrator": "RK5"}, INTEGRATORS) for mode in MODES),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("name", "settings", "message"), [
+    ("exact", {"mode": "fast"}, "mode must be one of exact, continuous, sampled, got 'fast'"),
+    ("sampled", {"timestep": 0.003, "control_period": 0.01}, STEPS),
+    ("ode held", {"timestep": 0.003, "control_period": 0.01}, STEPS),
+    ("ode held", {"control_period": 0.0}, "control_period must be positive, got 0.0"),
+    ("ode held", {"substeps": 0}, "substeps must be at least 1, got 0"),
+    ("continuous", {"timestep": -1e-3}, "timestep must be positive, got -0.001"),
+    ("ode", {"sample_period": 1.0}, "timestep must be within 0.8 s, got 1.0"),
+    ("ode", {"rtol": -1.0}, "rtol must be"),
+    ("ode", {"method": "Euler"}, "method must be one of DOP853, Radau, RK45, LSODA"),
+    *((mode, {"integrator": "RK5"}, INTEGRATORS) for mode in MODES),
+], ids=str)  # fmt: skip
 def test_bad_settings_are_refused(name, settings, message, smooth_scenario, adaptive):
     with pytest.raises(AflMujocoError, match=f"^{message}"):
         SIMULATORS[name](smooth_scenario, adaptive, **settings)

@@ -64,21 +64,11 @@ def _states(environment, policy) -> np.ndarray:
 
 
 ROUGH = Imperfections(
-    delay=0.0035,
-    lag=0.004,
-    slew_rate=2e3,
-    input_limit=60.0,
-    encoder_step={"phi": 1e-3},
-    noise={"phi": 1e-3, "z": 5e-4},
-    differentiated=True,
-    velocity_filter=0.01,
-    damping={"z": 1.0, "phi": 1e-3},
-    dry_friction={"z": 0.5},
-    tip_mass_share=0.1,
-    parameter_delay=0.03,
-    end_stops={"z": 3.0},
-    seed=5,
-)
+    delay=0.0035, lag=0.004, slew_rate=2e3, input_limit=60.0, encoder_step={"phi": 1e-3},
+    noise={"phi": 1e-3, "z": 5e-4}, differentiated=True, velocity_filter=0.01,
+    damping={"z": 1.0, "phi": 1e-3}, dry_friction={"z": 0.5}, tip_mass_share=0.1,
+    parameter_delay=0.03, end_stops={"z": 3.0}, seed=5,
+)  # fmt: skip
 AT_100_HZ = _short("step-step", 0.3, imperfections=Imperfections(control_period=0.01))
 
 
@@ -324,28 +314,24 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     assert reward(0.0, 0.0, 100.0) == pytest.approx(0.82)
 
 
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"scenario": "nowhere"}, "scenario must be one of nominal"),
-        ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
-        ({"timestep": -1.0}, "timestep must be positive, got -1"),
-        ({"timestep": math.nan}, "timestep must be finite, got nan"),
-        ({"control_period": 0.0}, "control_period must be positive, got 0"),
-        ({"integrator": "RK5"}, "integrator must be one of RK4"),
-        ({"force_limit": 0.0}, "force_limit must be positive, got 0"),
-        ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
-        ({"initial_noise": -0.1}, "initial_noise must not be negative, got -0.1"),
-        ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
-        ({"parameters": "seen"}, "parameters must be one of observed, hidden, privileged"),
-        ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
-        ({"random": "seed"}, "random must be a seed"),
-        ({"random": -1}, "random must be a seed"),
-        ({"environment_kwargs": {"n_sub_steps": 2}}, "environment_kwargs must be one of flat_obs"),
-        ({"environment_kwargs": {"time_limit": -1}}, "time_limit must be positive, got -1"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("settings", "message"), [
+    ({"scenario": "nowhere"}, "scenario must be one of nominal"),
+    ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
+    ({"timestep": -1.0}, "timestep must be positive, got -1"),
+    ({"timestep": math.nan}, "timestep must be finite, got nan"),
+    ({"control_period": 0.0}, "control_period must be positive, got 0"),
+    ({"integrator": "RK5"}, "integrator must be one of RK4"),
+    ({"force_limit": 0.0}, "force_limit must be positive, got 0"),
+    ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
+    ({"initial_noise": -0.1}, "initial_noise must not be negative, got -0.1"),
+    ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
+    ({"parameters": "seen"}, "parameters must be one of observed, hidden, privileged"),
+    ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
+    ({"random": "seed"}, "random must be a seed"),
+    ({"random": -1}, "random must be a seed"),
+    ({"environment_kwargs": {"n_sub_steps": 2}}, "environment_kwargs must be one of flat_obs"),
+    ({"environment_kwargs": {"time_limit": -1}}, "time_limit must be positive, got -1"),
+], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, message):
     with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
         afl.load(**settings)

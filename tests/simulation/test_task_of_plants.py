@@ -34,13 +34,9 @@ def scenario_of(name: str, **changes: object) -> afl.Scenario:
     """Return a short run of a plant near its target, with a jump and a disturbance."""
     given = PLANTS[name]
     scenario = afl.Scenario(
-        name="short",
-        plant=known(name),
-        schedule=given["schedule"],
-        disturbances=(given["push"],),
-        initial_state=given["start"],
-        duration=1.0,
-    )
+        name="short", plant=known(name), schedule=given["schedule"], disturbances=(given["push"],),
+        initial_state=given["start"], duration=1.0,
+    )  # fmt: skip
     return replace(scenario, **changes)
 
 

@@ -129,13 +129,9 @@ def test_an_ideal_actuator_exerts_the_command():
 
 def test_the_force_limit_cuts_off_both_signs():
     commands = [3.0, -70.0, math.inf, -math.inf, 12.5]
-    assert forces(Imperfections(input_limit=12.5), commands).tolist() == [
-        3.0,
-        -12.5,
-        12.5,
-        -12.5,
-        12.5,
-    ]
+    assert forces(
+        Imperfections(input_limit=12.5), commands,
+    ).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]  # fmt: skip
     assert math.isnan(within_reach(drive_of(Imperfections(input_limit=12.5), H, 9)[0], math.nan))
 
 

@@ -38,26 +38,15 @@ def imperfect():
 
 IMPERFECT = imperfect()
 
-NEAR = afl.Scenario(
-    name="near",
-    duration=0.9,
-    initial_state=(0.0, 0.1, 0.0, 0.0),
-    schedule={
-        "cart_mass": afl.staircase((CHANGE,), (3.0, 3.0001)),
-        "half_length": afl.staircase((CHANGE,), (1.2, 1.2001)),
-    },
-)
-FAR = replace(
-    NEAR,
-    name="far",
-    duration=1.2,
-    schedule={
-        **NEAR.schedule,
-        "cart_mass": afl.staircase((CHANGE,), (3.0, 12.0)),
-        "half_length": afl.staircase((CHANGE,), (1.2, 0.3)),
-    },
-    disturbances=(ForcePulse(force=60.0, start=0.7, duration=0.1),),
-)
+NEAR = afl.Scenario(name="near", duration=0.9, initial_state=(0.0, 0.1, 0.0, 0.0), schedule={
+    "cart_mass": afl.staircase((CHANGE,), (3.0, 3.0001)),
+    "half_length": afl.staircase((CHANGE,), (1.2, 1.2001)),
+})  # fmt: skip
+FAR = replace(NEAR, name="far", duration=1.2, schedule={
+    **NEAR.schedule,
+    "cart_mass": afl.staircase((CHANGE,), (3.0, 12.0)),
+    "half_length": afl.staircase((CHANGE,), (1.2, 0.3)),
+}, disturbances=(ForcePulse(force=60.0, start=0.7, duration=0.1),))  # fmt: skip
 
 
 def differing(controller, mode, imperfections=IDEAL):

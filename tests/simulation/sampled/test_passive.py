@@ -16,12 +16,9 @@ HEAVY = CartPoleParameters(cart_mass=1e7, pole_mass=0.083, half_length=0.29, gra
 """So heavy a cart that the pole hangs from a fixed hinge."""
 
 FULL = Imperfections(
-    damping={"z": 0.21, "phi": 0.0011},
-    dry_friction={"z": 0.31, "phi": 0.0007},
-    armature={"z": 0.041, "phi": 0.00051},
-    end_stops={"z": 1.9},
-    tip_mass_share=0.23,
-)
+    damping={"z": 0.21, "phi": 0.0011}, dry_friction={"z": 0.31, "phi": 0.0007},
+    armature={"z": 0.041, "phi": 0.00051}, end_stops={"z": 1.9}, tip_mass_share=0.23,
+)  # fmt: skip
 
 PASSIVE = {
     "friction": Imperfections(dry_friction={"z": 0.31}),
@@ -185,16 +182,10 @@ def pivot_inertia(imperfections):
     return (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
 
 
-@pytest.mark.parametrize(
-    "imperfections",
-    [
-        Imperfections(),
-        Imperfections(tip_mass_share=0.3),
-        Imperfections(tip_mass_share=0.95),
-        Imperfections(armature={"phi": 0.004}),
-    ],
-    ids=["rod", "tip 30 %", "tip 95 %", "armature"],
-)
+@pytest.mark.parametrize("imperfections", [
+    Imperfections(), Imperfections(tip_mass_share=0.3), Imperfections(tip_mass_share=0.95),
+    Imperfections(armature={"phi": 0.004}),
+], ids=["rod", "tip 30 %", "tip 95 %", "armature"])  # fmt: skip
 def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(imperfections):
     states = motion(HEAVY, imperfections, (0, HANGING - 1e-3, 0, 0), 10.0, "RK4")
     swing, times = states[:, 1] - HANGING, H * np.arange(1, len(states) + 1)

@@ -36,13 +36,10 @@ def drawn(rng, count):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
         imperfections = Imperfections(
             noise={"z": rng.uniform(0, 1e-3), "phi": rng.uniform(0, 1e-2)},
-            dry_friction={"z": rng.choice([0.0, 0.4])},
-            damping={"z": rng.choice([0.0, 0.3])},
-            end_stops=[{}, {"z": 1.5}][i % 2],
-            delay=rng.uniform(0.0, 0.02),
-            tip_mass_share=rng.uniform(0.0, 0.3),
-            seed=i,
-        )
+            dry_friction={"z": rng.choice([0.0, 0.4])}, damping={"z": rng.choice([0.0, 0.3])},
+            end_stops=[{}, {"z": 1.5}][i % 2], delay=rng.uniform(0.0, 0.02),
+            tip_mass_share=rng.uniform(0.0, 0.3), seed=i,
+        )  # fmt: skip
         scenarios.append(
             Scenario(
                 name=f"drawn-{i}",

@@ -25,23 +25,11 @@ from tests.engine import jump as jump_of
 
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 REAL = Imperfections(
-    control_period=0.002,
-    input_limit=40.0,
-    slew_rate=5000.0,
-    lag=0.003,
-    delay=0.0025,
-    encoder_step={"z": 1e-4, "phi": 1e-3},
-    noise={"z": 1e-4, "phi": 1e-3},
-    differentiated=True,
-    velocity_filter=0.004,
-    damping={"z": 0.1, "phi": 1e-4},
-    dry_friction={"z": 0.3},
-    armature={"phi": 1e-4},
-    end_stops={"z": 2.0},
-    tip_mass_share=0.1,
-    parameter_delay=0.02,
-    seed=7,
-)
+    control_period=0.002, input_limit=40.0, slew_rate=5000.0, lag=0.003, delay=0.0025,
+    encoder_step={"z": 1e-4, "phi": 1e-3}, noise={"z": 1e-4, "phi": 1e-3}, differentiated=True,
+    velocity_filter=0.004, damping={"z": 0.1, "phi": 1e-4}, dry_friction={"z": 0.3},
+    armature={"phi": 1e-4}, end_stops={"z": 2.0}, tip_mass_share=0.1, parameter_delay=0.02, seed=7,
+)  # fmt: skip
 
 
 def same(one, other):
@@ -111,14 +99,11 @@ def impulse_in(scenario, k):
     return next((one for one in hits if int(1e3 * one.time) == k), None)
 
 
-@pytest.mark.parametrize(
-    ("name", "hold", "integrator"),
-    [
-        *(("adaptive", hold, "RK4") for hold in (1, 5, 7)),
-        *((name, 5, "Euler") for name in ("fixed-nominal", "lqr")),
-        ("lqr", 7, "implicit"),
-    ],
-)
+@pytest.mark.parametrize(("name", "hold", "integrator"), [
+    *(("adaptive", hold, "RK4") for hold in (1, 5, 7)),
+    *((name, 5, "Euler") for name in ("fixed-nominal", "lqr")),
+    ("lqr", 7, "implicit"),
+])  # fmt: skip
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, integrator):
     controller, settings = (
         CONTROLLERS[name],
@@ -214,16 +199,9 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
         seen.append(belief.cart_mass)
         return 0.0
 
-    scenario = Scenario(
-        name="late",
-        schedule={
-            "cart_mass": staircase(
-                [1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]
-            )
-        },
-        duration=0.3,
-        imperfections=Imperfections(parameter_delay=1e-3 * late),
-    )
+    scenario = Scenario(name="late", schedule={
+        "cart_mass": staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
+    }, duration=0.3, imperfections=Imperfections(parameter_delay=1e-3 * late))  # fmt: skip
     simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
