@@ -1,7 +1,5 @@
 """The slope that follows the pole's angle: its values, the law, and what it was made for."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,7 +7,6 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.gains import GAIN_NAMES, Gains
-from afl_mujoco.control.law import control_force
 from afl_mujoco.control.scheduled import BOX, SLOPES, force, slope_at
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
@@ -38,7 +35,7 @@ def test_the_force_is_that_of_the_law_with_this_slope():
     for state in ([0.1, -1.0, 0.4, 1.5], [-0.2, 0.3, 1.0, -2.0], [0.0, 0.0, 0.0, 0.0]):
         k, _, layer = (getattr(FIXED.gain_function, name)[0] for name in GAIN_NAMES)
         gains = Gains(switching=k, slope=slope_at(state[1], 0.3), boundary_layer=layer)
-        expected = control_force(state, plant, gains)
+        expected = afl.control_force(state, plant, gains)
         assert force(3.0, state, plant) == pytest.approx(float(expected), rel=1e-12, abs=1e-12)
     assert math.isnan(force(0.0, [0.0, 1.6, 0.0, 0.0], plant))
 

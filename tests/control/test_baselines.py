@@ -1,7 +1,5 @@
 """The baselines: their linear model, their gains, and the runs that they make."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import mujoco
@@ -12,19 +10,10 @@ from scipy.signal import place_poles
 
 import afl_mujoco as afl
 from afl_mujoco.control import feedback as design
-from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import LINEAR, PARTIAL
-from afl_mujoco.control.feedback import (
-    GainGrid,
-    StateFeedback,
-    partially_linear_model,
-    pole_placing_gains,
-    upright_model,
-)
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.ode import solve_ode
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.studies.cases import Settings, closed_loop_runs
@@ -49,7 +38,7 @@ def analytic_rate(p):
 
 
 def mujoco_rate(p):
-    model = CartPoleModel(p)
+    model = afl.CartPoleModel(p)
     m, d = model.mj_model, model.mj_data
 
     def rate(x):
@@ -64,7 +53,7 @@ def mujoco_rate(p):
 def test_the_linear_model_is_the_derivative_of_the_plant_at_upright(engine, odd_parameters):
     for p in (odd_parameters, *PLANTS):
         both = differences(engine(p), np.zeros(5))
-        model = upright_model(p)
+        model = design.upright_model(p)
         scale = np.abs(both).max()
         np.testing.assert_allclose(model.a, both[:, :4], atol=1e-6 * scale)
         np.testing.assert_allclose(model.b, both[:, 4], atol=1e-6 * scale)
@@ -72,7 +61,9 @@ def test_the_linear_model_is_the_derivative_of_the_plant_at_upright(engine, odd_
 
 def test_a_pole_without_weight_on_a_cart_of_one_kilogram_is_the_partly_linearised_one():
     light = afl.CartPoleParameters(cart_mass=1.0, pole_mass=1e-13, half_length=0.37, gravity=9.65)
-    for one, other in zip(upright_model(light), partially_linear_model(0.37, 9.65), strict=True):
+    for one, other in zip(
+        design.upright_model(light), design.partially_linear_model(0.37, 9.65), strict=True
+    ):
         np.testing.assert_allclose(one, other, atol=1e-11)
 
 
@@ -80,22 +71,22 @@ def test_a_pole_without_weight_on_a_cart_of_one_kilogram_is_the_partly_linearise
     "poles", [(-1.0, -2.0, -3.5, -9.0), (-0.5 + 1j, -0.5 - 1j, -4.0, -20.0)], ids=str
 )
 def test_the_gains_place_the_poles_as_scipy_s_do(poles, odd_parameters):
-    for model in (upright_model(odd_parameters), partially_linear_model(0.29, 9.65)):
-        gains = pole_placing_gains(model, poles)
+    for model in (design.upright_model(odd_parameters), design.partially_linear_model(0.29, 9.65)):
+        gains = design.pole_placing_gains(model, poles)
         theirs = place_poles(model.a, model.b[:, None], poles, rtol=1e-9, maxiter=100)
         np.testing.assert_allclose(gains, theirs.gain_matrix[0], rtol=1e-8)
 
 
 def test_poles_that_are_not_four_or_not_in_pairs_are_refused(odd_parameters):
-    model = upright_model(odd_parameters)
+    model = design.upright_model(odd_parameters)
     for poles in ((-1.0, -2.0, -3.0), (-1.0, -2.0, -3.0, -1.0 + 1j)):
         with pytest.raises(InvalidValueError, match="must be four, real or in conjugate pairs"):
-            pole_placing_gains(model, poles)
+            design.pole_placing_gains(model, poles)
 
 
 def quadratic_cost(p, gains):
     """Bryson's cost of a linear feedback, summed over starts one unit off in each state."""
-    a, b = upright_model(p)
+    a, b = design.upright_model(p)
     weights = np.diag(1.0 / np.square(design.LARGEST_STATE))
     force = 1.0 / (design.LARGEST_ACCELERATION * (p.cart_mass + 0.25 * p.pole_mass)) ** 2
     running = weights + force * np.outer(gains, gains)
@@ -113,11 +104,11 @@ def test_no_gains_near_those_of_the_lqr_cost_less(rng):
 
 
 def test_the_lqr_is_weighted_by_what_the_paper_s_controller_uses_and_uses_as_much_force():
-    nominal, fixed = afl.SCENARIOS["nominal"], CONTROLLERS["fixed"]
+    nominal, fixed = afl.SCENARIOS["nominal"], afl.CONTROLLERS["fixed"]
     paper = afl.simulate_ode(nominal, fixed)
     peaks = np.abs(paper.state).max(axis=0)
     np.testing.assert_allclose(peaks, design.LARGEST_STATE, rtol=5e-3)  # rounded to three digits
-    own = afl.simulate_ode(nominal, CONTROLLERS["lqr"])
+    own = afl.simulate_ode(nominal, afl.CONTROLLERS["lqr"])
     most, papers = np.abs(own.force).max(), np.abs(paper.force).max()
     assert most == pytest.approx(papers, rel=1e-3)  # by the choice of LARGEST_ACCELERATION
 
@@ -127,7 +118,7 @@ def test_the_placed_poles_are_those_of_the_paper_s_controller_with_its_fixed_gai
     for p in PLANTS:
         slope, step = gains.slope, 1e-5  # the controller's own linearisation, by differences
         found = linearised_gains(p, gains, step)
-        a, b = upright_model(p)
+        a, b = design.upright_model(p)
         fast = 0.75 * 9.81 / p.half_length * gains.switching / gains.boundary_layer
         expected = np.poly([-slope, -slope, -slope, -fast])
         np.testing.assert_allclose(np.poly(a - np.outer(b, found)), expected, rtol=1e-6)
@@ -147,7 +138,7 @@ def linearised_gains(p, gains, step):
 
 
 def window(name, plant):
-    grid = CONTROLLERS[name].gains.over(PlantRange.of(plant))
+    grid = afl.CONTROLLERS[name].gains.over(PlantRange.of(plant))
     return grid.gains(plant.cart_mass, plant.half_length)
 
 
@@ -160,7 +151,9 @@ def test_between_the_nodes_the_gains_are_nearly_those_of_the_plant(name, rng):
         found = window(name, p)
         np.testing.assert_allclose(found, how.method(p), rtol=2e-4)
         model = (
-            upright_model(p) if kind == LINEAR else partially_linear_model(p.half_length, p.gravity)
+            design.upright_model(p)
+            if kind == LINEAR
+            else design.partially_linear_model(p.half_length, p.gravity)
         )
         poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
         assert poles.real.max() < -0.2
@@ -169,7 +162,7 @@ def test_between_the_nodes_the_gains_are_nearly_those_of_the_plant(name, rng):
 @pytest.mark.parametrize("name", BASELINES)
 def test_the_gains_of_a_plant_do_not_depend_on_which_others_were_asked_for(name, rng):
     box = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81)
-    whole = CONTROLLERS[name].gains.over(box)
+    whole = afl.CONTROLLERS[name].gains.over(box)
     nodes = [2.0 ** (k / 4.0) for k in range(-12, 1)]  # at a node, and a hair off it
     pairs = [*rng.uniform([0.1, 0.05], [2.0, 1.0], (20, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
     pairs += [(np.nextafter(x, 0.0), np.nextafter(x, 9.0)) for x in nodes[:-1]]
@@ -181,13 +174,13 @@ def test_the_gains_of_a_plant_do_not_depend_on_which_others_were_asked_for(name,
 def test_a_plant_that_has_no_gains_is_named():
     floating = afl.CartPoleParameters(gravity=1e-12)
     with pytest.raises(InvalidValueError, match="the plant must be one that the gains can be"):
-        CONTROLLERS["lqr"].force((0.0, 0.1, 0.0, 0.0), floating)
+        afl.CONTROLLERS["lqr"].force((0.0, 0.1, 0.0, 0.0), floating)
 
 
 def test_a_table_is_refused_beyond_its_nodes_before_anything_runs(odd_scenario):
     table = np.ones((2, 2, 4))
-    controller = StateFeedback(
-        name="mine", kind=LINEAR, gains=GainGrid([1.0, 2.0], [0.1, 0.9], table)
+    controller = design.StateFeedback(
+        name="mine", kind=LINEAR, gains=design.GainGrid([1.0, 2.0], [0.1, 0.9], table)
     )
     message = r"M for the gain grid must lie within its nodes, 1 to 2 kg, got 8 kg"
     heavy = afl.CartPoleParameters(cart_mass=8.0)
@@ -206,26 +199,26 @@ def test_a_table_is_refused_beyond_its_nodes_before_anything_runs(odd_scenario):
 
 
 def test_constant_gains_make_a_controller_of_one_s_own(odd_parameters):
-    controller = StateFeedback(
-        name="mine", kind=LINEAR, gains=GainGrid.constant((-1.0, 40.0, -2.0, 9.0))
+    controller = design.StateFeedback(
+        name="mine", kind=LINEAR, gains=design.GainGrid.constant((-1.0, 40.0, -2.0, 9.0))
     )
     assert controller.force((0.5, 0.1, 1.0, -1.0), odd_parameters) == -(-0.5 + 4.0 - 2.0 - 9.0)
 
 
 def test_what_is_no_controller_is_refused():
-    gains = GainGrid.constant((1.0, 2.0, 3.0, 4.0))
+    gains = design.GainGrid.constant((1.0, 2.0, 3.0, 4.0))
     with pytest.raises(InvalidValueError, match=r"^kind must be LINEAR \(1\) or PARTIAL \(2\)"):
-        StateFeedback(name="x", kind=0, gains=gains)
+        design.StateFeedback(name="x", kind=0, gains=gains)
     with pytest.raises(InvalidValueError, match=r"^gains must be of type GainGrid or Design"):
-        StateFeedback(name="x", kind=PARTIAL, gains=(1.0, 2.0, 3.0, 4.0))
+        design.StateFeedback(name="x", kind=PARTIAL, gains=(1.0, 2.0, 3.0, 4.0))
     with pytest.raises(InvalidValueError, match=r"^gains must be four, got 3$"):
-        GainGrid.constant((1.0, 2.0, 3.0))
+        design.GainGrid.constant((1.0, 2.0, 3.0))
     with pytest.raises(InvalidValueError, match=r"must have shape \(2, 1, 4\), got \(1, 1, 4\)"):
-        GainGrid([1.0, 2.0], [1.0], gains.table)
+        design.GainGrid([1.0, 2.0], [1.0], gains.table)
     with pytest.raises(InvalidValueError, match=r"^masses of the gain grid must be positive and"):
-        GainGrid([2.0, 1.0], [1.0], np.zeros((2, 1, 4)))
+        design.GainGrid([2.0, 1.0], [1.0], np.zeros((2, 1, 4)))
     with pytest.raises(InvalidValueError, match=r"^table of the gain grid must be finite$"):
-        GainGrid([1.0], [1.0], np.full((1, 1, 4), np.nan))
+        design.GainGrid([1.0], [1.0], np.full((1, 1, 4), np.nan))
 
 
 # In the simulators
@@ -234,8 +227,8 @@ def test_what_is_no_controller_is_refused():
 @pytest.mark.parametrize("name", [*BASELINES, "fixed", "adaptive", "adaptive-angle"])
 def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name, odd_scenario):
     settings = Settings(control_period=1e-3)
-    runs = closed_loop_runs(odd_scenario, CONTROLLERS[name], settings)
-    checks = closed_loop_checks(odd_scenario, CONTROLLERS[name], runs)
+    runs = closed_loop_runs(odd_scenario, afl.CONTROLLERS[name], settings)
+    checks = closed_loop_checks(odd_scenario, afl.CONTROLLERS[name], runs)
     assert {check.id for check in checks} - {"B2"} == {"A5", "B1", "B2b", "B3"}
     assert [str(check) for check in checks if not check.passed] == []
 
@@ -243,7 +236,7 @@ def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name,
 @pytest.mark.parametrize("name", BASELINES)
 @pytest.mark.parametrize("together", [False, True])
 def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together):
-    scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], CONTROLLERS[name]
+    scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], afl.CONTROLLERS[name]
     if together:  # M and l pass every node at one time, or but for round-off
         scenario = dataclasses.replace(
             scenario, schedule={**scenario.schedule, "half_length": scenario.cart_mass}
@@ -259,7 +252,7 @@ def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together):
 
 @pytest.mark.parametrize("name", BASELINES)
 def test_the_dm_control_agent_repeats_the_sampled_run_to_the_bit(name, odd_scenario):
-    controller = CONTROLLERS[name]
+    controller = afl.CONTROLLERS[name]
     env = afl.load(odd_scenario, force_limit=1e5)
     policy, step, states = controller_policy(controller, odd_scenario), env.reset(), []
     while not step.last():
@@ -280,7 +273,7 @@ HEAVY = afl.Scenario(
 @pytest.mark.parametrize("scenario", [*afl.SCENARIOS.values(), HEAVY], ids=lambda s: s.name)
 @pytest.mark.parametrize("name", BASELINES)
 def test_every_baseline_balances_from_the_paper_s_start_and_beyond_its_box(name, scenario):
-    run = afl.simulate_mujoco(scenario, CONTROLLERS[name], "sampled")
+    run = afl.simulate_mujoco(scenario, afl.CONTROLLERS[name], "sampled")
     assert str(run.outcome) == "completed"
     assert np.abs(run.state[-1]).max() < 0.02
 
@@ -290,7 +283,7 @@ def test_from_eighty_degrees_the_paper_s_controller_balances_and_the_baselines_d
         afl.SCENARIOS["nominal"], initial_state=(0.0, -np.radians(80.0), 0.0, 0.0)
     )
     outcomes = {
-        name: afl.simulate_mujoco(steep, CONTROLLERS[name], "sampled").outcome.kind
+        name: afl.simulate_mujoco(steep, afl.CONTROLLERS[name], "sampled").outcome.kind
         for name in ("fixed", *BASELINES)
     }
     assert outcomes == {"fixed": "completed", **dict.fromkeys(BASELINES, "fell")}

@@ -6,15 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    FIXED_GAINS,
-    AFLController,
-    CartPoleParameters,
-    GainFunction,
-    Gains,
-    find_controller,
-)
+import afl_mujoco as afl
 from afl_mujoco.control import names
 from afl_mujoco.control.names import INFORMED, subject_of
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -31,15 +23,15 @@ NAMES = ("switching", "slope", "boundary_layer")
 
 
 def test_the_names_that_help_shows_are_those_of_the_catalogue():
-    assert tuple(CONTROLLERS) == names.NAMES
+    assert tuple(afl.CONTROLLERS) == names.NAMES
 
 
 def test_the_fixed_gains_are_the_paper_s_constants():
-    assert Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004) == FIXED_GAINS
+    assert afl.Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004) == afl.FIXED_GAINS
 
 
 def test_the_published_gain_function_is_table_2():
-    published = GainFunction.published()
+    published = afl.GainFunction.published()
     assert {name: getattr(published, name) for name in NAMES} == TABLE_2
     np.testing.assert_array_equal(published.coefficients, list(TABLE_2.values()))
 
@@ -50,7 +42,7 @@ def test_the_published_gain_function_is_table_2():
 def test_the_gain_function_is_g1(name, mass, half_length):
     w1, w2, w3, w4, w5 = TABLE_2[name]
     expected = w1 + w2 * math.exp(w3 * math.log(mass)) + w4 * math.exp(w5 * math.log(half_length))
-    gains = GainFunction.published().gains(mass, half_length)
+    gains = afl.GainFunction.published().gains(mass, half_length)
     assert getattr(gains, name) == pytest.approx(expected, rel=1e-12)  # rounding of a power
 
 
@@ -59,10 +51,12 @@ def test_the_gain_function_is_g1(name, mass, half_length):
 )
 def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     state, nominal = (0.2, -0.5, 0.1, 0.3), f"{name}-nominal"
-    controller = CONTROLLERS.get(nominal) or replace(CONTROLLERS[name], belief=CartPoleParameters())
-    seen = CONTROLLERS[name].force(state, CartPoleParameters())
+    controller = afl.CONTROLLERS.get(nominal) or replace(
+        afl.CONTROLLERS[name], belief=afl.CartPoleParameters()
+    )
+    seen = afl.CONTROLLERS[name].force(state, afl.CartPoleParameters())
     assert controller.force(state, odd_parameters) == seen
-    assert CONTROLLERS[name].force(state, odd_parameters) != seen
+    assert afl.CONTROLLERS[name].force(state, odd_parameters) != seen
     inputs = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
     np.testing.assert_array_equal(inputs[0], inputs[1])
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
@@ -78,10 +72,10 @@ def test_a_true_belief_passes_everything_on(adaptive):
 
 
 def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
-    falling = GainFunction(
+    falling = afl.GainFunction(
         switching=(110, 0, 0, 0, 0), slope=(1.0, -1.0, 1.0, 0, 0), boundary_layer=(99, 0, 0, 0, 0)
     )
-    controller = AFLController(name="falling", gain_function=falling)
+    controller = afl.AFLController(name="falling", gain_function=falling)
     with pytest.raises(InvalidValueError) as caught:
         controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
     assert str(caught.value) == (
@@ -94,33 +88,34 @@ def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
 def test_a_gain_function_needs_five_finite_coefficients():
     good = {name: (1, 0, 0, 0, 0) for name in NAMES}
     with pytest.raises(InvalidValueError, match=r"^slope coefficients must be five, got 4$"):
-        GainFunction(**{**good, "slope": (1, 2, 3, 4)})
+        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4)})
     with pytest.raises(InvalidValueError, match=r"^slope coefficients must be finite, got nan$"):
-        GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
+        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
 
 
 def test_unknown_names_are_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
-        find_controller("adaptiv")
+        afl.find_controller("adaptiv")
     estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
     names = (
-        ", ".join(CONTROLLERS) + f", ({estimable}partial-linearization)-estimated, module:attribute"
+        ", ".join(afl.CONTROLLERS)
+        + f", ({estimable}partial-linearization)-estimated, module:attribute"
     )
     near = "did you mean adaptive or adaptive-held?"
     assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'; {near}"
 
 
-@pytest.mark.parametrize("name", [n for n in CONTROLLERS if n in INFORMED])
+@pytest.mark.parametrize("name", [n for n in afl.CONTROLLERS if n in INFORMED])
 def test_every_controller_has_a_twin_with_the_estimator(name):
-    twin = find_controller(f"{name}-estimated")
-    assert (twin.name, twin.controller) == (f"{name}-estimated", CONTROLLERS[name])
-    assert twin.name not in CONTROLLERS
+    twin = afl.find_controller(f"{name}-estimated")
+    assert (twin.name, twin.controller) == (f"{name}-estimated", afl.CONTROLLERS[name])
+    assert twin.name not in afl.CONTROLLERS
 
 
 @pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
 def test_a_controller_that_assumes_a_nominal_plant_or_is_none_has_no_such_twin(name):
     with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
-        find_controller(name)
+        afl.find_controller(name)
 
 
 def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_parameters):
@@ -141,18 +136,18 @@ def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None
     with pytest.raises(
         InvalidValueError, match=r"did you mean my_pid:Observer\?\), got my_pid.Observer"
     ):
-        find_controller("my_pid.Observer")
+        afl.find_controller("my_pid.Observer")
 
 
 def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
     inside, heavy = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81), (0.2, 2.1)
-    adaptive = CONTROLLERS["adaptive"]
+    adaptive = afl.CONTROLLERS["adaptive"]
     assert adaptive.remarks(inside) == []
     (said,) = adaptive.remarks(inside._replace(cart_mass=heavy))
     assert "M 0.1 to 2 kg, and M reaches 2.1 kg" in said
     (said,) = adaptive.remarks(inside._replace(half_length=(0.04, 0.5)))
     assert "l 0.05 to 1 m, and l reaches 0.04 m" in said
-    assert CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []
+    assert afl.CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []
 
 
 @pytest.mark.parametrize(("names", "subject"), [

@@ -1,7 +1,5 @@
 """A digest is that of what a name stands for, whatever the name."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import sys

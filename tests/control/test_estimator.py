@@ -1,7 +1,5 @@
 """The estimator of M and l: against its equations in plain numpy, statistics, and the ODE."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

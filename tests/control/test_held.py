@@ -1,23 +1,14 @@
 """Gains chosen at the start and kept: in every simulator that has a start, refused elsewhere."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.catalogue import AFLController, find_controller
-from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.gains import GainFunction
 from afl_mujoco.control.scheduled import DAMPING, HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.task import controller_policy
-from afl_mujoco.simulation.trajectory import Trajectory
 from research.gain_tuning import GainTable
 
 HELD = afl.CONTROLLERS["adaptive-held"]
@@ -25,14 +16,14 @@ SCENARIO = afl.SCENARIOS["step-trapezoid"]
 SHORT = replace(SCENARIO, duration=4.0)
 
 
-def constant_gains(mass: float, length: float) -> AFLController:
+def constant_gains(mass: float, length: float) -> afl.AFLController:
     assert isinstance(HELD, HeldController)
-    return AFLController(
-        name="constant", gain_function=GainFunction.constant(HELD.gains(mass, length))
+    return afl.AFLController(
+        name="constant", gain_function=afl.GainFunction.constant(HELD.gains(mass, length))
     )
 
 
-def sampled(scenario: Scenario, controller: Controller) -> Trajectory:
+def sampled(scenario: afl.Scenario, controller: afl.Controller) -> afl.Trajectory:
     return afl.simulate_mujoco(scenario, controller, mode="sampled")
 
 
@@ -62,7 +53,11 @@ def test_a_run_keeps_the_gains_of_its_start() -> None:
 def test_two_runs_do_not_share_their_start() -> None:
     other = replace(
         SHORT,
-        schedule={**SHORT.schedule, "cart_mass": constant(0.1), "half_length": constant(0.05)},
+        schedule={
+            **SHORT.schedule,
+            "cart_mass": afl.constant(0.1),
+            "half_length": afl.constant(0.05),
+        },
     )
     alone = sampled(SHORT, HELD)
     sampled(other, HELD)
@@ -95,14 +90,14 @@ def test_the_task_has_the_same_run_and_a_new_start_in_each_episode() -> None:
 
 def test_without_a_start_it_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="chooses its gains when a run starts"):
-        HELD.force([0.0, 0.1, 0.0, 0.0], CartPoleParameters())
+        HELD.force([0.0, 0.1, 0.0, 0.0], afl.CartPoleParameters())
     for mode in ("continuous", "exact"):
         with pytest.raises(InvalidValueError, match="is stateful"):
             afl.simulate_mujoco(SHORT, HELD, mode=mode)
     with pytest.raises(InvalidValueError, match="is stateful"):
         afl.simulate_ode(SHORT, HELD)
     with pytest.raises(UnknownNameError):
-        find_controller("adaptive-held-estimated")
+        afl.find_controller("adaptive-held-estimated")
 
 
 def test_a_command_that_knows_no_start_refuses_it_in_one_line(command_line) -> None:
@@ -112,7 +107,7 @@ def test_a_command_that_knows_no_start_refuses_it_in_one_line(command_line) -> N
 
 
 def test_a_plant_beyond_the_table_is_remarked_on() -> None:
-    heavy = Scenario(name="heavy", schedule={"cart_mass": constant(3.0)})
+    heavy = afl.Scenario(name="heavy", schedule={"cart_mass": afl.constant(3.0)})
     (remark,) = HELD.remarks(heavy.plants)
     assert "M reaches 3 kg" in remark and "those of the edge" in remark
     assert HELD.remarks(SCENARIO.plants) == []

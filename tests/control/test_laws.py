@@ -1,7 +1,5 @@
 """A controller along a segment is the controller at each of its instants."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,7 +10,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.laws import Laws, command
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.linear import bound
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -24,7 +21,7 @@ RAMPS = {
 
 def test_gains_along_ramps_are_those_of_the_parameters_of_each_instant() -> None:
     given = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
-    asked = Requirements(target={"z": 1.0}, max={"pitch": 0.5, "left": 12.0, "right": 12.0})
+    asked = afl.Requirements(target={"z": 1.0}, max={"pitch": 0.5, "left": 12.0, "right": 12.0})
     what = {"plant": given.plant, "schedule": RAMPS, "requirements": asked, "duration": 2.0}
     scenario = afl.Scenario(name="ramps", **what)
     controller = bound(afl.CONTROLLERS["lqr"], scenario)

@@ -1,7 +1,5 @@
 """A controller of one's own: loaded by name, run, and answered in one line when it misbehaves."""
 
-from __future__ import annotations
-
 import json
 import math
 import pickle
@@ -22,7 +20,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.control import laws
-from afl_mujoco.control.catalogue import CONTROLLERS, find_controller
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.simulation.metrics import metrics
@@ -101,10 +98,10 @@ def test_a_belief_stands_in_for_the_truth(odd_parameters):
 class Brief:
     """What only `float` takes, as a number of a type that NumPy lacks."""
 
-    def __init__(self, value: float) -> None:
+    def __init__(self, value):
         self.value = value
 
-    def __float__(self) -> float:
+    def __float__(self):
         return self.value
 
 
@@ -114,17 +111,17 @@ class Tensor:
     def __str__(self):
         return "Tensor"  # the same test in every worker
 
-    def __init__(self, *values: float, graph: bool = False) -> None:
+    def __init__(self, *values, graph=False):
         self.values, self.graph = values, graph
         self.shape = (len(values),) if len(values) > 1 else ()
 
-    def detach(self) -> Tensor:
+    def detach(self):
         return Tensor(*self.values)
 
-    def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
+    def __array__(self, dtype=None, copy=None):
         raise TypeError("unsupported type BFloat16")
 
-    def __float__(self) -> float:
+    def __float__(self):
         if self.graph:
             warnings.warn("converting a tensor with a gradient", UserWarning, stacklevel=2)
         (value,) = self.values
@@ -197,7 +194,7 @@ def test_whatever_a_controller_raises_is_answered_in_one_line(raised, module):
         controller_of(Unmade)
     module("leaving", "raise GeneratorExit('enough')\n")
     with pytest.raises(InvalidValueError, match=r"cannot be imported: GeneratorExit: enough$"):
-        find_controller("leaving:force")
+        afl.find_controller("leaving:force")
 
 
 def test_a_ctrl_c_within_a_controller_is_one():
@@ -394,7 +391,7 @@ def test_what_makes_no_controller_is_refused_in_one_line(given, said):
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 @pytest.mark.parametrize("gains", ["fixed", "fixed-nominal"])
 def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
-    compiled = CONTROLLERS[gains]
+    compiled = afl.CONTROLLERS[gains]
     own = controller_of(paper, belief=compiled.belief)
     run, reference = (simulate(odd_scenario, controller) for controller in (own, compiled))
     assert run.outcome == reference.outcome
@@ -408,7 +405,7 @@ def test_what_a_rod_that_changes_does_is_the_same_under_a_controller_in_python(o
     settings = {"dynamics": "stretching-rod", "jumps": "momenta"}
     run, reference = (
         afl.simulate_mujoco(odd_scenario, controller, mode, **settings)
-        for controller in (controller_of(paper), CONTROLLERS["fixed"])
+        for controller in (controller_of(paper), afl.CONTROLLERS["fixed"])
     )
     np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
 
@@ -450,7 +447,7 @@ def test_a_run_without_a_force_has_one_for_every_state(smooth_scenario, lost):
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate, side):
     scenario = replace(smooth_scenario, initial_state=(0.0, side * FALL_ANGLE, 0.0, 0.0))
-    for controller in (controller_of(lambda *_: 0.0), CONTROLLERS["lqr"]):
+    for controller in (controller_of(lambda *_: 0.0), afl.CONTROLLERS["lqr"]):
         run = simulate(scenario, controller)
         assert str(run.outcome) == "fell at t = 0 s"
         assert (run.time.tolist(), run.state.tolist()) == ([0.0], [[*scenario.initial_state]])
@@ -473,7 +470,7 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
         "module_of_mine",
         "class Set:\n    @staticmethod\n    def push(t, x, b): return -2.0 * x[1]\n",
     )
-    own = find_controller("module_of_mine:Set.push")
+    own = afl.find_controller("module_of_mine:Set.push")
     assert own.name == "module_of_mine.Set.push"
     assert own.force((0.0, 0.25, 0.0, 0.0), afl.CartPoleParameters()) == -0.5
     described = json.loads(json.dumps(own.describe()))
@@ -507,7 +504,7 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(spec, module):
     text, said = LOADED[spec]
     module("m", text)
     with pytest.raises(InvalidValueError) as caught:
-        find_controller(spec)
+        afl.find_controller(spec)
     message = str(caught.value)
     assert message.startswith(f"controller {spec!r} ")
     assert said in message
@@ -527,15 +524,15 @@ def test_a_file_is_told_how_to_name_its_controller(module, monkeypatch, tmp_path
         said = f"must be given as {name}:NAME, where NAME is a function or a class of {file}"
         expected = re.escape(f"a controller of your own {said}, got {given}")
         with pytest.raises(InvalidValueError, match=f"^{expected}$"):
-            find_controller(given)
+            afl.find_controller(given)
     with pytest.raises(UnknownNameError, match="did you mean lqr"):
-        find_controller("lqx")
+        afl.find_controller("lqx")
 
 
 def test_a_user_s_file_does_not_hide_an_installed_module(module):
     module("json", "def loads(*_): raise RuntimeError\n")
     module("own_module", "import json\nassert json.loads('3') == 3\ndef f(t, x, b): return 0.0\n")
-    assert find_controller("own_module:f").command(0.0, STATE, ASSUMED) == 0.0
+    assert afl.find_controller("own_module:f").command(0.0, STATE, ASSUMED) == 0.0
 
 
 def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsys):
@@ -611,7 +608,7 @@ def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuousl
 @pytest.mark.parametrize("name", ["fixed-retuned", "adaptive"])
 def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(name, monkeypatch):
     monkeypatch.setattr(laws, "MOST_EVALUATIONS", laws.MOST_EVALUATIONS // 20)
-    compiled = CONTROLLERS[name]
+    compiled = afl.CONTROLLERS[name]
     mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
     run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)
     assert str(run.outcome) == "completed"
@@ -915,12 +912,12 @@ def test_an_instance_loaded_by_name_is_as_new_in_a_worker(module):
         "    def act(self, time, state, belief):\n        return 2.0\n"
         "inst, act = Mine(), Policy().act\n",
     )
-    own = find_controller("instance_mine:inst")
+    own = afl.find_controller("instance_mine:inst")
     assert own.start().command(0.0, STATE, ASSUMED) == 1.0
     twin = pickle.loads(pickle.dumps(own))
     assert twin.stateful
     assert twin.start().command(0.0, STATE, ASSUMED) == 1.0
-    policy = pickle.loads(pickle.dumps(find_controller("instance_mine:act")))
+    policy = pickle.loads(pickle.dumps(afl.find_controller("instance_mine:act")))
     assert not policy.stateful
     assert policy.start().command(0.0, STATE, ASSUMED) == 2.0
 
@@ -932,7 +929,7 @@ def test_a_class_is_loaded_by_name_and_made_anew_in_a_worker(module):
         "    def __call__(self, time, state, belief):\n"
         "        self.n += 1\n        return self.n\n",
     )
-    own = pickle.loads(pickle.dumps(find_controller("stateful_mine:Mine")))
+    own = pickle.loads(pickle.dumps(afl.find_controller("stateful_mine:Mine")))
     assert own.stateful
     for _ in range(2):
         assert own.start().command(0.0, STATE, ASSUMED) == 1.0

@@ -4,8 +4,6 @@ Optional: `make cluster` installs Dask and runs this. Without it the tests are s
 where AFL_MUJOCO_REQUIRE_CLUSTER is set.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
@@ -22,21 +20,7 @@ from afl_mujoco import pool as dask_cluster
 from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.pool import compute_all, open_executor
-from tests.execution.units import (
-    COUNT,
-    PATIENCE,
-    SERIAL,
-    VICTIM,
-    awaited,
-    doomed_always,
-    doomed_once,
-    group_lives,
-    kept,
-    noted,
-    program,
-    refused,
-    tries,
-)
+from tests.execution import units
 
 try:
     import distributed
@@ -64,14 +48,14 @@ def address() -> Iterator[str]:
 
 def computed(function: Any, folder: Path, address: str) -> list[Any]:
     with open_executor(1, address) as executor:
-        return compute_all(function, [(folder, i) for i in range(COUNT)], executor)
+        return compute_all(function, [(folder, i) for i in range(units.COUNT)], executor)
 
 
 def test_the_results_are_the_serial_ones_though_a_worker_is_killed(
     tmp_path: Path, address: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    assert repr(computed(doomed_once, tmp_path, address)) == repr(SERIAL)
-    assert tries(tmp_path)[VICTIM] == 2
+    assert repr(computed(units.doomed_once, tmp_path, address)) == repr(units.SERIAL)
+    assert units.tries(tmp_path)[units.VICTIM] == 2
     assert caplog.messages == []
 
 
@@ -79,10 +63,10 @@ def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path: Path)
     begun = time.monotonic()
     with (
         started(2) as cluster,
-        pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {VICTIM}"),
+        pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {units.VICTIM}"),
     ):
-        computed(refused, tmp_path, cluster.scheduler_address)
-    assert time.monotonic() - begun < PATIENCE
+        computed(units.refused, tmp_path, cluster.scheduler_address)
+    assert time.monotonic() - begun < units.PATIENCE
 
 
 def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line(address: str) -> None:
@@ -90,7 +74,7 @@ def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line(address: str) 
         pytest.raises(AflMujocoError, match=rf"^cluster {address} lost a worker each") as error,
         open_executor(1, address) as executor,
     ):
-        compute_all(doomed_always, range(8), executor)
+        compute_all(units.doomed_always, range(8), executor)
     assert "\n" not in str(error.value)
 
 
@@ -107,21 +91,21 @@ def test_a_scheduler_that_goes_away_is_named(caplog: pytest.LogCaptureFixture) -
 
 
 def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
-    with program(tmp_path, 1, address) as process:
-        awaited(lambda: len(kept(tmp_path / "done")) >= 3)
+    with units.program(tmp_path, 1, address) as process:
+        units.awaited(lambda: len(units.kept(tmp_path / "done")) >= 3)
         os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=PATIENCE)
+        said, _ = process.communicate(timeout=units.PATIENCE)
         assert (process.returncode, said) == (130, "")
-        awaited(lambda: not group_lives(process))
+        units.awaited(lambda: not units.group_lives(process))
 
 
 def test_in_a_running_event_loop_as_of_a_notebook_it_is_the_same(
     tmp_path: Path, address: str
 ) -> None:
     async def cell() -> list[Any]:
-        return computed(noted, tmp_path, address)
+        return computed(units.noted, tmp_path, address)
 
-    assert repr(asyncio.run(cell())) == repr(SERIAL)
+    assert repr(asyncio.run(cell())) == repr(units.SERIAL)
 
 
 def test_a_module_that_only_this_process_has_is_named_with_the_worker(
@@ -172,8 +156,8 @@ def test_an_address_of_no_scheduler_is_refused_in_one_line_and_soon(
     if behaviour == "malformed":
         address = "tcp://127.0.0.1:99999"
     begun = time.monotonic()
-    with server, program(tmp_path, 1, address) as process:
-        said, _ = process.communicate(timeout=PATIENCE)
+    with server, units.program(tmp_path, 1, address) as process:
+        said, _ = process.communicate(timeout=units.PATIENCE)
     assert time.monotonic() - begun < SOON
     assert process.returncode == 2
     assert said.startswith(f"cluster {address} cannot be used: ")

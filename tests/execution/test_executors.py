@@ -1,7 +1,5 @@
 """Executors: order, bits and errors; deaths of workers; what a signal leaves behind."""
 
-from __future__ import annotations
-
 import os
 import signal
 import sys
@@ -14,21 +12,8 @@ import pytest
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.pool import MAX_DEATHS, compute_all, in_process, kept_processes, open_executor
-from tests.execution.units import (
-    COUNT,
-    PATIENCE,
-    SERIAL,
-    VICTIM,
-    awaited,
-    doomed_always,
-    doomed_once,
-    group_lives,
-    kept,
-    noted,
-    program,
-    refused,
-    tries,
-)
+from tests.execution import units
+from tests.execution.units import kept
 
 
 def computed(
@@ -36,12 +21,12 @@ def computed(
 ) -> list[Any]:
     (tried := folder / "tried").mkdir(exist_ok=True)
     with open_executor(workers) as executor:
-        return compute_all(function, [(tried, i) for i in range(COUNT)], executor, kept=kept)
+        return compute_all(function, [(tried, i) for i in range(units.COUNT)], executor, kept=kept)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_the_results_are_the_serial_ones_bit_for_bit(tmp_path: Path, workers: int) -> None:
-    assert repr(computed(noted, tmp_path, workers)) == repr(SERIAL)
+    assert repr(computed(units.noted, tmp_path, workers)) == repr(units.SERIAL)
     pids = {path.name.split("-")[1] for path in (tmp_path / "tried").iterdir()}
     assert (str(os.getpid()) in pids) == (workers == 1)
 
@@ -61,18 +46,18 @@ def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(
         # On a busy machine one of the two may do every unit of a use, and the other appear later;
         # if they were not kept, three uses would show at least three processes.
         for _ in range(3):
-            assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+            assert repr(computed(units.noted, tmp_path, 2)) == repr(units.SERIAL)
             first |= pids_of(tmp_path)
         assert len(first) <= 2
         with pytest.raises(InvalidValueError):
-            computed(refused, tmp_path, 2)
+            computed(units.refused, tmp_path, 2)
         pids_of(tmp_path)
-        assert repr(computed(noted, tmp_path, 2)) == repr(SERIAL)
+        assert repr(computed(units.noted, tmp_path, 2)) == repr(units.SERIAL)
         second = pids_of(tmp_path)
         assert not first & second
     for pid in first | second:
         assert not Path("/proc", pid).exists()
-    computed(noted, tmp_path, 2)
+    computed(units.noted, tmp_path, 2)
     assert not second & pids_of(tmp_path)
 
 
@@ -92,9 +77,9 @@ def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(
     tmp_path: Path, workers: int
 ) -> None:
     begun = time.monotonic()
-    with pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {VICTIM}"):
-        computed(refused, tmp_path, workers)
-    assert time.monotonic() - begun < PATIENCE
+    with pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {units.VICTIM}"):
+        computed(units.refused, tmp_path, workers)
+    assert time.monotonic() - begun < units.PATIENCE
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -103,21 +88,21 @@ def test_work_that_was_broken_off_goes_on_with_what_is_missing(
 ) -> None:
     found: dict[int, Any] = {}
     with pytest.raises(InvalidValueError):
-        computed(refused, tmp_path, workers, found)
+        computed(units.refused, tmp_path, workers, found)
     done = set(found)
-    assert done <= set(range(VICTIM))
+    assert done <= set(range(units.VICTIM))
     for path in (tmp_path / "tried").iterdir():
         path.unlink()
-    assert repr(computed(noted, tmp_path, workers, found)) == repr(SERIAL)
-    assert set(tries(tmp_path / "tried")) == set(range(COUNT)) - done
+    assert repr(computed(units.noted, tmp_path, workers, found)) == repr(units.SERIAL)
+    assert set(units.tries(tmp_path / "tried")) == set(range(units.COUNT)) - done
 
 
 # Deaths of workers
 
 
 def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
-    assert repr(computed(doomed_once, tmp_path, 2)) == repr(SERIAL)
-    assert tries(tmp_path / "tried")[VICTIM] == 2
+    assert repr(computed(units.doomed_once, tmp_path, 2)) == repr(units.SERIAL)
+    assert units.tries(tmp_path / "tried")[units.VICTIM] == 2
 
 
 def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
@@ -125,7 +110,7 @@ def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
         pytest.raises(AflMujocoError, match=f"^worker process died {MAX_DEATHS} times") as error,
         open_executor(2) as executor,
     ):
-        compute_all(doomed_always, range(8), executor)
+        compute_all(units.doomed_always, range(8), executor)
     assert "\n" not in str(error.value)
 
 
@@ -135,32 +120,32 @@ def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
 @pytest.mark.parametrize("workers", [1, 2])
 def test_ctrl_c_leaves_the_finished_units_and_no_process(tmp_path: Path, workers: int) -> None:
     file = tmp_path / "done"
-    with program(tmp_path, workers) as process:
-        awaited(lambda: len(kept(file)) >= 3)
+    with units.program(tmp_path, workers) as process:
+        units.awaited(lambda: len(kept(file)) >= 3)
         os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=PATIENCE)
+        said, _ = process.communicate(timeout=units.PATIENCE)
         assert (process.returncode, said) == (130, "")
-        awaited(lambda: not group_lives(process))
+        units.awaited(lambda: not units.group_lives(process))
     assert 3 <= len(kept(file)) < 200
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.4])
 def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path, delay: float) -> None:
-    with program(tmp_path, 2) as process:
-        awaited((tmp_path / "done").exists)
+    with units.program(tmp_path, 2) as process:
+        units.awaited((tmp_path / "done").exists)
         time.sleep(delay)
         os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=PATIENCE)
+        said, _ = process.communicate(timeout=units.PATIENCE)
         assert (process.returncode, said) == (130, "")
-        awaited(lambda: not group_lives(process))
+        units.awaited(lambda: not units.group_lives(process))
 
 
 def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
-    with program(tmp_path, 2) as process:
-        awaited(lambda: len(kept(tmp_path / "done")) >= 3)
+    with units.program(tmp_path, 2) as process:
+        units.awaited(lambda: len(kept(tmp_path / "done")) >= 3)
         process.kill()
         process.wait()
-        awaited(lambda: not group_lives(process))
+        units.awaited(lambda: not units.group_lives(process))
 
 
 # What is refused

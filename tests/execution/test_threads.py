@@ -1,7 +1,5 @@
 """Work shared among threads."""
 
-from __future__ import annotations
-
 import gc
 import signal
 import threading

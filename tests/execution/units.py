@@ -1,7 +1,5 @@
 """Functions that the workers of the tests compute, and a program that runs them."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 import os

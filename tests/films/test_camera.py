@@ -1,7 +1,5 @@
 """The camera follows smoothly and loses nothing that it can hold."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

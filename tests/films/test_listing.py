@@ -1,7 +1,5 @@
 """The list of films comes back as it was, and is refused where it is not understood."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import asdict
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Films of plants that are not the cart-pole."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +14,6 @@ from afl_mujoco.films.picture import draw_plots
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import open_scene
 from afl_mujoco.films.video import make_films, side_by_side
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sampling import Deployed
 from tests.plants.plants import SMALL, known, small
 
@@ -26,7 +23,7 @@ RUNS = {
     "quadrotor_load.py:plant": {
         "initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.7},
-        "imperfections": Imperfections(input_limit=12.0, delay=0.02),
+        "imperfections": afl.Imperfections(input_limit=12.0, delay=0.02),
     },
     "cart_double_pendulum.py:plant": {
         "initial_state": {"cart": 0.2, "lower": 0.05},

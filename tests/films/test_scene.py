@@ -1,7 +1,5 @@
 """What a frame shows, found in its segmentation, against closed-form geometry (Tier D)."""
 
-from __future__ import annotations
-
 import mujoco
 import numpy as np
 import pytest

@@ -1,7 +1,5 @@
 """Films as files: they decode, have the right frames, and are whole or not there (Tier D)."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import resource

@@ -1,13 +1,10 @@
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco.identification import pole
 from afl_mujoco.identification.least_squares import fitted_starts
 from afl_mujoco.identification.log import cut, log_of
-from afl_mujoco.plant.dynamics import acceleration
-from afl_mujoco.scenario.parameters import CartPoleParameters
 from tests.synthetic_logs import Truth, swing
 
 
@@ -19,13 +16,13 @@ def test_the_driven_pole_obeys_the_equations_of_the_paper() -> None:
     drive = (w2 / 9.81) * 0.5 * np.cos(5.0 * t)
     track = pole.pole_motion(np.array([[0.4, 0.3]]), drive[None], step, w2, 0.0, 0.0)[0]
     curvature = np.gradient(track[:, 1], step)[5:-5]
-    plant = CartPoleParameters(cart_mass=1.0, pole_mass=0.1, half_length=half_length)
+    plant = afl.CartPoleParameters(cart_mass=1.0, pole_mass=0.1, half_length=half_length)
     for i in range(0, len(curvature), 97):
         phi, rate = track[i + 5]
         z_ddot = -2.5 * np.sin(5.0 * step * (i + 5))
         # the force that gives the cart this acceleration, by the plant's own linearity in it
         state = (0.0, phi, 0.0, rate)
-        at0, at1 = acceleration(state, 0.0, plant), acceleration(state, 1.0, plant)
+        at0, at1 = afl.acceleration(state, 0.0, plant), afl.acceleration(state, 1.0, plant)
         force = (z_ddot - at0[0]) / (at1[0] - at0[0])
         expected = at0[1] + force * (at1[1] - at0[1])
         assert curvature[i] == pytest.approx(float(expected), rel=2e-4, abs=2e-3)

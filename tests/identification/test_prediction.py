@@ -1,19 +1,10 @@
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from afl_mujoco.identification import prediction
 from afl_mujoco.identification.log import log_of
-from afl_mujoco.identification.prediction import (
-    Starts,
-    errors_of,
-    predicted_by_pole,
-    predicted_by_rig,
-    starts_of,
-    straight_on,
-)
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -26,8 +17,8 @@ SCATTER = (TRUTH.position_count, TRUTH.count)
 
 
 @pytest.fixture(scope="module")
-def starts() -> Starts:
-    return starts_of([log_of("a", swing(TRUTH, 8), D)], 0.3, 0.5, 0.1)
+def starts() -> prediction.Starts:
+    return prediction.starts_of([log_of("a", swing(TRUTH, 8), D)], 0.3, 0.5, 0.1)
 
 
 def test_starts_are_where_they_should_be(starts) -> None:
@@ -41,12 +32,12 @@ def test_starts_are_where_they_should_be(starts) -> None:
 
 
 def test_the_true_model_predicts_to_the_noise_of_its_sensors(starts) -> None:
-    read, _ = predicted_by_rig(starts, VALUES, D, SCATTER)
-    near, far = errors_of(starts, read, (0.1, 0.5), VALUES, D)
+    read, _ = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
+    near, far = prediction.errors_of(starts, read, (0.1, 0.5), VALUES, D)
     assert near.counts_phi < 3.0 and near.counts_z < 3.0
     assert near.explained_phi > 0.9999 and far.explained_phi > 0.99 and far.explained_z > 0.999
-    alone = predicted_by_pole(starts, VALUES, D)
-    (driven,) = errors_of(
+    alone = prediction.predicted_by_pole(starts, VALUES, D)
+    (driven,) = prediction.errors_of(
         starts, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
     )
     assert driven.counts_phi < 3.0
@@ -59,15 +50,18 @@ def test_nothing_of_what_is_predicted_is_fitted(starts) -> None:
     spoilt.phi[:, starts.past :] += 0.5
     spoilt.z[:, starts.past :] += 0.1
     other = replace(starts, windows=spoilt)
-    assert np.array_equal(predicted_by_pole(starts, VALUES, D), predicted_by_pole(other, VALUES, D))
-    here, there = (predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (starts, other))
+    assert np.array_equal(
+        prediction.predicted_by_pole(starts, VALUES, D),
+        prediction.predicted_by_pole(other, VALUES, D),
+    )
+    here, there = (prediction.predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (starts, other))
     assert np.array_equal(here, there)
 
 
 def test_errors_are_what_they_say(starts) -> None:
     w = starts.windows
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
-    (found,) = errors_of(starts, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
+    (found,) = prediction.errors_of(starts, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
     assert found.rms_z == pytest.approx(0.002) and found.counts_z == pytest.approx(20.0)
     assert found.counts_phi == pytest.approx(0.003 / TRUTH.count)
     assert found.rms_phi == pytest.approx(0.5 * 0.003)
@@ -84,14 +78,14 @@ def test_readings_that_say_nothing_are_not_judged(starts) -> None:
     some = replace(starts, windows=replace(w, valid=valid))
     read = np.stack([w.z, w.phi], axis=1)
     read[::2, 1, -1] += 9.0
-    (found,) = errors_of(some, read, (0.5,), VALUES, D)
+    (found,) = prediction.errors_of(some, read, (0.5,), VALUES, D)
     assert found.starts == w.count // 2 and found.rms_phi == 0.0
 
 
 def test_going_straight_on_is_no_model(starts) -> None:
-    read, states = predicted_by_rig(starts, VALUES, D, SCATTER)
-    naive = straight_on(starts, states, VALUES)
+    read, states = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
+    naive = prediction.straight_on(starts, states, VALUES)
     assert naive[:, 1, starts.past - 1] == pytest.approx(read[:, 1, starts.past - 1], abs=1e-3)
-    (model,) = errors_of(starts, read, (0.5,), VALUES, D)
-    (none,) = errors_of(starts, naive, (0.5,), VALUES, D)
+    (model,) = prediction.errors_of(starts, read, (0.5,), VALUES, D)
+    (none,) = prediction.errors_of(starts, naive, (0.5,), VALUES, D)
     assert none.rms_phi > 20.0 * model.rms_phi

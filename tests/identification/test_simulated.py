@@ -1,22 +1,15 @@
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller, find_controller
-from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification.description import load_description
 from afl_mujoco.identification.export import require_loggable, write_run
 from afl_mujoco.identification.identify import identify
 from afl_mujoco.identification.log import read_log
-from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.scenario.files import load_scenario
-from afl_mujoco.scenario.requirements import Requirements
-from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from tests.synthetic_logs import RIG
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -31,8 +24,8 @@ class Lead:
         return 0.7 * state[0] + 1.8 * state[2] - 38.0 * state[1] - 7.0 * state[3] - 20.0 * lean
 
 
-def logged(folder: Path, scenario: Scenario, controller):
-    run = simulate_mujoco(scenario, controller, "sampled")
+def logged(folder: Path, scenario: afl.Scenario, controller):
+    run = afl.simulate_mujoco(scenario, controller, "sampled")
     files = write_run(scenario, run, folder, "rig")
     description = load_description(files[1])
     return run, read_log(files[0], description), description
@@ -73,20 +66,22 @@ def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> N
 
 def test_what_cannot_be_a_log_is_refused() -> None:
     lqr = find_controller("lqr")
-    with pytest.raises(AflMujocoError, match="simulator must be sampled for a log, got 'exact'"):
+    with pytest.raises(
+        afl.AflMujocoError, match="simulator must be sampled for a log, got 'exact'"
+    ):
         require_loggable(RIG, lqr, "exact")
-    with pytest.raises(AflMujocoError, match="scenario of a log must keep M and l constant"):
-        require_loggable(SCENARIOS["step-step"], lqr, "sampled")
-    with pytest.raises(AflMujocoError, match="controller of a log must not use the estimator"):
+    with pytest.raises(afl.AflMujocoError, match="scenario of a log must keep M and l constant"):
+        require_loggable(afl.SCENARIOS["step-step"], lqr, "sampled")
+    with pytest.raises(afl.AflMujocoError, match="controller of a log must not use the estimator"):
         require_loggable(RIG, find_controller("adaptive-estimated"), "sampled")
 
 
 def test_any_plant_is_logged_by_its_names(tmp_path: Path) -> None:
-    scenario = load_scenario(EXAMPLES / "quadrotor_load.toml")
-    asked = Requirements(target={"z": 1.0})
+    scenario = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
+    asked = afl.Requirements(target={"z": 1.0})
     scenario = replace(scenario, duration=1.0, disturbances=(), schedule={}, requirements=asked)
     require_loggable(scenario, find_controller("lqr"), "sampled")
-    run = simulate_mujoco(scenario, "lqr")
+    run = afl.simulate_mujoco(scenario, "lqr")
     (path,) = write_run(scenario, run, tmp_path, "flight")
     with path.open() as file:
         assert next(file).split() == ["time,x,z,pitch,cable,left,right"]

@@ -1,7 +1,5 @@
 """Films: inside the page where small, linked where large, with a still."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

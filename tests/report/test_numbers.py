@@ -1,7 +1,5 @@
 """Numbers as a person would write them."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

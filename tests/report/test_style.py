@@ -1,7 +1,5 @@
 """Figures are written whole, in one style, and are the same bytes each time."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The same blocks on the terminal, in Markdown and in HTML: nothing lost, everything escaped."""
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable

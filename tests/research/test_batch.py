@@ -1,7 +1,5 @@
 """The batch against the readable path: `simulate_ode` at rtol 1e-12, one loop at a time."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -9,8 +7,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.catalogue import AFLController
-from afl_mujoco.control.gains import GainFunction
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective
 from research.batch import LANES, PENALTY, Terms, closed_loop_terms, penalised_objective
@@ -40,9 +36,9 @@ def of(terms: Terms) -> np.ndarray:
 def readable(loop: tuple[float, ...], duration: float = 20.0, angle: float = -math.pi / 3) -> float:
     """The objective from `simulate_ode`, its peak looked at closely."""
     mass, length, *gains = loop
-    controller = AFLController(
+    controller = afl.AFLController(
         name="one",
-        gain_function=GainFunction.constant(
+        gain_function=afl.GainFunction.constant(
             afl.Gains(switching=gains[0], slope=gains[1], boundary_layer=gains[2])
         ),
     )
@@ -130,7 +126,7 @@ def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
 def test_the_fall_is_that_of_the_readable_path() -> None:
     gains = afl.Gains(switching=1.0, slope=1.0, boundary_layer=100.0)
     start = (0.0, -1.5, 0.0, -10.0)
-    controller = AFLController(name="weak", gain_function=GainFunction.constant(gains))
+    controller = afl.AFLController(name="weak", gain_function=afl.GainFunction.constant(gains))
     run = afl.simulate_ode(afl.Scenario(name="falls", initial_state=start), controller)
     terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
     assert run.outcome.kind == "fell"

@@ -1,7 +1,5 @@
 """A search that is interrupted or killed goes on as if it were not; another's file is refused."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """C9 to C12 judge what they are given, and the shipped file is what `make claims` would write."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The gain table and (G1): the cost of gains, the search on one plant, the file, the fits."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -11,36 +9,25 @@ from scipy.optimize import minimize_scalar
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.gains import GAIN_NAMES
-from research.gain_tuning import (
-    DAMPED,
-    DAMPING,
-    GAIN_BOX,
-    GainTable,
-    fit_by_least_squares,
-    fit_by_search,
-    fit_table,
-    gain_cost,
-    pair_searches,
-    rmse,
-    save_fits,
-    search_pair,
-)
+from research import gain_tuning
 from research.genetic import GeneticSettings
 
 ROW = [1.0, 0.5, 100.0, 3.5, 90.0, 2.1, 2.2]
 
 
 def test_a_table_comes_back_from_its_file_bit_for_bit(tmp_path: Path) -> None:
-    table = GainTable(np.array([ROW, [2.0, 0.1, 1 / 3, 0.1, 1e-7, 3.3, 4.4]]), {"seed": 7})
+    table = gain_tuning.GainTable(
+        np.array([ROW, [2.0, 0.1, 1 / 3, 0.1, 1e-7, 3.3, 4.4]]), {"seed": 7}
+    )
     table.save(tmp_path / "table.json")
-    loaded = GainTable.load(tmp_path / "table.json")
+    loaded = gain_tuning.GainTable.load(tmp_path / "table.json")
     np.testing.assert_array_equal(loaded.rows, table.rows)
     assert loaded.provenance == {"seed": 7}
     assert loaded.gains(2.0, 0.1).slope == 0.1
 
 
 def test_the_shipped_table_is_the_paper_s_grid_and_says_how_it_was_made() -> None:
-    table = GainTable.shipped()
+    table = gain_tuning.GainTable.shipped()
     assert len(table.rows) == 400
     assert sorted(set(table.column("cart_mass"))) == [k / 10 for k in range(1, 21)]
     assert sorted(set(table.column("half_length"))) == [k / 20 for k in range(1, 21)]
@@ -48,14 +35,14 @@ def test_the_shipped_table_is_the_paper_s_grid_and_says_how_it_was_made() -> Non
 
 
 def test_mujoco_confirms_the_objective_of_every_shipped_row() -> None:
-    table = GainTable.shipped()
+    table = gain_tuning.GainTable.shipped()
     np.testing.assert_allclose(  # samples of 1 ms: a kinked peak may lie between two
         table.column("objective_mujoco"), table.column("objective"), rtol=1e-4
     )
 
 
 def test_the_retuned_controllers_have_the_gains_of_the_shipped_table() -> None:
-    nominal = GainTable.shipped().gains(1.0, 0.5)
+    nominal = gain_tuning.GainTable.shipped().gains(1.0, 0.5)
     assert CONTROLLERS["fixed-retuned"].gain_function.gains(0.3, 0.9) == nominal
 
 
@@ -63,14 +50,14 @@ SMALL = GeneticSettings(population_size=120, generations=40)
 
 
 def test_the_fixed_gains_on_the_nominal_plant_cost_three() -> None:
-    cost = gain_cost(1.0, 0.5)(np.array([[109.9651, 1.2849, 100.0004]]))
+    cost = gain_tuning.gain_cost(1.0, 0.5)(np.array([[109.9651, 1.2849, 100.0004]]))
     assert cost[0] == pytest.approx(3.0, rel=1e-12)
 
 
 def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_box() -> None:
-    unit = pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
-    _, _, switching, slope, layer, found = search_pair(unit)
-    cost = gain_cost(1.0, 0.5)
+    unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
+    _, _, switching, slope, layer, found = gain_tuning.search_pair(unit)
+    cost = gain_tuning.gain_cost(1.0, 0.5)
     best = minimize_scalar(
         lambda x: float(cost(np.array([[100.0, x, 90.0]]))[0]), bounds=(1.0, 5.0), method="bounded"
     )
@@ -80,16 +67,16 @@ def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_bo
 
 
 def test_the_shipped_optima_are_not_beaten_along_the_slope() -> None:
-    table = GainTable.shipped()
-    slopes = np.linspace(GAIN_BOX.lower[1], GAIN_BOX.upper[1], 401)
+    table = gain_tuning.GainTable.shipped()
+    slopes = np.linspace(gain_tuning.GAIN_BOX.lower[1], gain_tuning.GAIN_BOX.upper[1], 401)
     for row in table.rows[::37]:
         gains = np.stack([np.full(401, row[2]), slopes, np.full(401, row[4])], axis=1)
-        assert gain_cost(row[0], row[1])(gains).min() > row[5] * (1.0 - 1e-6)
+        assert gain_tuning.gain_cost(row[0], row[1])(gains).min() > row[5] * (1.0 - 1e-6)
 
 
 def test_an_interrupted_unit_goes_on_to_the_same_bits(tmp_path: Path) -> None:
-    whole = search_pair(pair_searches((1.0,), (0.5,), SMALL, seed=3)[0])
-    unit = pair_searches((1.0,), (0.5,), SMALL, seed=3, checkpoints=tmp_path)[0]
+    whole = gain_tuning.search_pair(gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=3)[0])
+    unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=3, checkpoints=tmp_path)[0]
 
     class Stop(Exception):
         pass
@@ -106,10 +93,12 @@ def test_an_interrupted_unit_goes_on_to_the_same_bits(tmp_path: Path) -> None:
         return call
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("research.gain_tuning.gain_cost", lambda *p: interrupted(gain_cost(*p)))
+        patch.setattr(
+            "research.gain_tuning.gain_cost", lambda *p: interrupted(gain_tuning.gain_cost(*p))
+        )
         with pytest.raises(Stop):
-            search_pair(unit)
-    assert search_pair(unit) == whole
+            gain_tuning.search_pair(unit)
+    assert gain_tuning.search_pair(unit) == whole
 
 
 GRID = np.array([(j / 10, k / 20) for j in range(1, 21) for k in range(1, 21)])
@@ -118,18 +107,18 @@ TRUE = np.array([4.0, -0.3, 0.9, -1.5, 0.6])
 GAIN = TRUE[0] + TRUE[1] * MASS ** TRUE[2] + TRUE[3] * LENGTH ** TRUE[4]
 
 
-def table(slope: np.ndarray) -> GainTable:
+def table(slope: np.ndarray) -> gain_tuning.GainTable:
     rows = np.stack([MASS, LENGTH, 100 + 0 * MASS, slope, 90 + 0 * MASS, slope, slope], axis=1)
-    return GainTable(rows, {})
+    return gain_tuning.GainTable(rows, {})
 
 
 def test_the_error_is_the_root_mean_square_of_g2() -> None:
     candidates = np.array([TRUE, TRUE + np.array([0.5, 0.0, 0.0, 0.0, 0.0])])
-    assert rmse(candidates, MASS, LENGTH, GAIN) == pytest.approx([0.0, 0.5], abs=1e-12)
+    assert gain_tuning.rmse(candidates, MASS, LENGTH, GAIN) == pytest.approx([0.0, 0.5], abs=1e-12)
 
 
 def test_least_squares_recovers_a_gain_function() -> None:
-    fit = fit_by_least_squares("slope", MASS, LENGTH, GAIN, seed=0)
+    fit = gain_tuning.fit_by_least_squares("slope", MASS, LENGTH, GAIN, seed=0)
     assert fit.rmse < 1e-8
     assert fit.coefficients == pytest.approx(TRUE, rel=1e-3)
 
@@ -137,23 +126,23 @@ def test_least_squares_recovers_a_gain_function() -> None:
 def test_the_paper_s_search_comes_close_and_never_beats_least_squares() -> None:
     noisy = GAIN + 0.05 * np.sin(40.0 * MASS * LENGTH)
     settings = GeneticSettings(population_size=400, generations=150)
-    searched = fit_by_search("slope", MASS, LENGTH, noisy, settings, seed=0)
-    reference = fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
+    searched = gain_tuning.fit_by_search("slope", MASS, LENGTH, noisy, settings, seed=0)
+    reference = gain_tuning.fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
     assert reference.rmse <= searched.rmse < 1.5 * reference.rmse
 
 
 @pytest.mark.slow
 def test_the_file_has_every_fit_and_what_the_retuned_controllers_use(tmp_path: Path) -> None:
     settings = GeneticSettings(population_size=60, generations=20)
-    fits = fit_table(table(GAIN), seed=0, settings=settings)
-    save_fits(tmp_path / "fits.json", table(GAIN), fits, seed=0)
+    fits = gain_tuning.fit_table(table(GAIN), seed=0, settings=settings)
+    gain_tuning.save_fits(tmp_path / "fits.json", table(GAIN), fits, seed=0)
     content = json.loads((tmp_path / "fits.json").read_text())
     assert {(fit["gain"], fit["method"]) for fit in content["fits"]} == {
         *((name, method) for name in GAIN_NAMES for method in ("search", "least squares")),
-        ("slope", DAMPED),
+        ("slope", gain_tuning.DAMPED),
     }
     nominal = float(GAIN[(MASS == 1.0) & (LENGTH == 0.5)][0])
     assert content["fixed"] == {"switching": 100.0, "slope": nominal, "boundary_layer": 90.0}
     w = np.array([content["coefficients"]["slope"]])
-    damped = nominal * (GAIN / nominal) ** DAMPING
-    assert rmse(w, MASS, LENGTH, damped)[0] < 0.02
+    damped = nominal * (GAIN / nominal) ** gain_tuning.DAMPING
+    assert gain_tuning.rmse(w, MASS, LENGTH, damped)[0] < 0.02

@@ -1,7 +1,5 @@
 """The search breeds as the paper says, finds minima, and goes on to the same bits if killed."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,16 +7,7 @@ import pytest
 from scipy import stats
 
 from afl_mujoco.errors import InvalidValueError
-from research.genetic import (
-    Box,
-    GeneticSettings,
-    MultipleCrossoverGA,
-    clip,
-    minimise,
-    multiple_crossover,
-    mutate,
-    tournament,
-)
+from research import genetic
 
 LIKELY = 1e-3  # p-value: at the fixed seed of `rng` a right operator has passed
 
@@ -35,7 +24,7 @@ class Given:
 
 def crossed(chromosomes, costs, rng, groups=None):
     groups = [range(len(costs))] if groups is None else groups
-    return multiple_crossover(np.array(chromosomes), np.array(costs), np.array(groups), rng)
+    return genetic.multiple_crossover(np.array(chromosomes), np.array(costs), np.array(groups), rng)
 
 
 # Crossover (A1)
@@ -66,7 +55,7 @@ def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
     costs = rng.normal(size=3 * count)
     groups = rng.permutation(3 * count).reshape(count, 3)
     before = population.copy()
-    children = multiple_crossover(population, costs, groups, rng)
+    children = genetic.multiple_crossover(population, costs, groups, rng)
     assert np.array_equal(population, before)
     rho = np.empty((count, 3))
     for g, group in enumerate(groups):
@@ -86,7 +75,7 @@ def test_rho_is_one_number_a_chromosome_uniform_and_drawn_anew(rng) -> None:
 
 def test_a_mutant_is_shifted_by_one_uniform_number_of_at_most_the_constant(rng) -> None:
     chromosomes = rng.normal(size=(5000, 3))
-    shifts = mutate(chromosomes, 0.25, rng) - chromosomes
+    shifts = genetic.mutate(chromosomes, 0.25, rng) - chromosomes
     assert np.allclose(shifts, shifts[:, :1], rtol=0.0, atol=1e-14)  # round-off of the difference
     assert stats.kstest(shifts[:, 0] / 0.25, stats.uniform(-1.0, 2.0).cdf).pvalue > LIKELY
 
@@ -97,7 +86,7 @@ def test_a_mutant_is_shifted_by_one_uniform_number_of_at_most_the_constant(rng) 
 def test_a_tournament_selects_each_rank_as_often_as_the_better_of_two(rng) -> None:
     size, count = 10, 20000
     ranks = rng.permutation(size)
-    selected = ranks[tournament(ranks.astype(float), count, rng)]
+    selected = ranks[genetic.tournament(ranks.astype(float), count, rng)]
     # Rank r wins when both drawn are of rank r or worse but not both worse: ((n-r)^2-(n-r-1)^2)/n^2
     expected = (2.0 * (size - np.arange(size)) - 1.0) / size**2 * count
     assert stats.chisquare(np.bincount(selected, minlength=size), expected).pvalue > LIKELY
@@ -108,12 +97,14 @@ def test_a_tournament_selects_each_rank_as_often_as_the_better_of_two(rng) -> No
 
 def test_a_gene_that_left_the_box_is_put_on_the_bound_it_crossed() -> None:
     chromosomes = np.array([[0.5, 2.0], [-0.1, 2.9], [1.1, 1.9], [1.0, 3.5]])
-    clipped = clip(chromosomes, np.array([0.0, 2.0]), np.array([1.0, 3.0]))
+    clipped = genetic.clip(chromosomes, np.array([0.0, 2.0]), np.array([1.0, 3.0]))
     assert clipped.tolist() == [[0.5, 2.0], [0.0, 2.9], [1.0, 2.0], [1.0, 3.0]]
 
 
-SMALL = GeneticSettings(population_size=40, generations=12)  # 6 groups, 4 mutants, 18 copies
-BOX = Box((-2.0, 5.0, 0.0), (2.0, 9.0, 0.5))
+SMALL = genetic.GeneticSettings(
+    population_size=40, generations=12
+)  # 6 groups, 4 mutants, 18 copies
+BOX = genetic.Box((-2.0, 5.0, 0.0), (2.0, 9.0, 0.5))
 CENTRE = np.array([0.3, 6.1, 0.2])
 
 
@@ -125,8 +116,8 @@ def rosenbrock(x):
     return np.sum((1.0 - x[:, :-1]) ** 2 + 100.0 * (x[:, 1:] - x[:, :-1] ** 2) ** 2, axis=1)
 
 
-def told(generations: int, seed=1, settings=SMALL, cost=sphere) -> MultipleCrossoverGA:
-    search = MultipleCrossoverGA(BOX, settings, seed)
+def told(generations: int, seed=1, settings=SMALL, cost=sphere) -> genetic.MultipleCrossoverGA:
+    search = genetic.MultipleCrossoverGA(BOX, settings, seed)
     for _ in range(generations + 1):
         search.tell(cost(search.ask()))
     return search
@@ -136,7 +127,7 @@ def told(generations: int, seed=1, settings=SMALL, cost=sphere) -> MultipleCross
 
 
 def test_the_defaults_are_the_papers() -> None:
-    settings = GeneticSettings()
+    settings = genetic.GeneticSettings()
     assert (settings.population_size, settings.generations) == (1000, 1000)
     assert (settings.reproduction, settings.crossover, settings.mutation) == (0.45, 0.45, 0.1)
     assert (settings.mutation_constant, settings.parents) == (1e-7, 3)
@@ -159,7 +150,7 @@ def test_the_defaults_are_the_papers() -> None:
 )
 def test_settings_that_make_no_search_are_refused(wrong: dict, thing: str, value: object) -> None:
     with pytest.raises(InvalidValueError) as caught:
-        GeneticSettings(**wrong)
+        genetic.GeneticSettings(**wrong)
     assert caught.value.thing == thing
     assert caught.value.value == pytest.approx(value, nan_ok=True)
 
@@ -168,7 +159,7 @@ def test_settings_that_make_no_search_are_refused(wrong: dict, thing: str, value
 
 
 def test_what_is_asked_stays_in_the_box_and_reaches_its_walls() -> None:
-    search = MultipleCrossoverGA(BOX, SMALL, 1)
+    search = genetic.MultipleCrossoverGA(BOX, SMALL, 1)
     walls = 0
     for _ in range(10):
         asked = search.ask()
@@ -188,7 +179,7 @@ def test_every_chromosome_keeps_the_cost_that_it_was_told() -> None:
 
 
 def test_the_best_chromosome_ever_told_is_never_lost() -> None:
-    search, least = MultipleCrossoverGA(BOX, SMALL, 4), math.inf
+    search, least = genetic.MultipleCrossoverGA(BOX, SMALL, 4), math.inf
     noise = np.random.default_rng(8)  # costs without sense: the best is seldom a child of the best
     for generation in range(60):
         costs = noise.random(len(search.ask()))
@@ -232,14 +223,14 @@ def test_the_same_seed_gives_the_same_bits_and_another_seed_others() -> None:
 
 @pytest.mark.parametrize("genes", [2, 3])
 def test_rosenbrocks_valley_is_followed_to_its_end(genes: int) -> None:
-    settings = GeneticSettings(population_size=300, generations=200)
-    result = minimise(rosenbrock, Box((-2.0,) * genes, (2.0,) * genes), settings, 1)
+    settings = genetic.GeneticSettings(population_size=300, generations=200)
+    result = genetic.minimise(rosenbrock, genetic.Box((-2.0,) * genes, (2.0,) * genes), settings, 1)
     assert np.allclose(result.best, 1.0, rtol=0.0, atol=1e-4)
 
 
 def test_minimise_is_ask_and_tell_to_the_end_and_reports_every_generation() -> None:
     reported: list[tuple[int, float]] = []
-    result = minimise(sphere, BOX, SMALL, 1, progress=lambda *line: reported.append(line))
+    result = genetic.minimise(sphere, BOX, SMALL, 1, progress=lambda *line: reported.append(line))
     search = told(12)
     assert (result.generations, result.evaluations) == (12, 40 + 12 * 22)
     assert np.array_equal(result.best, search.best)

@@ -1,7 +1,5 @@
 """Readings and tables of the paper: a point of the cube is a reading, its cases are scenarios."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
@@ -9,67 +7,47 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from research import paper
-from research.paper import (
-    AXES,
-    CASES,
-    GAP,
-    HORIZON,
-    LABELS,
-    PUBLISHED,
-    PUBLISHED_IMPROVEMENTS,
-    SCALE_PHI,
-    SCALE_Z,
-    SCHEDULES,
-    SIGNED,
-    improvement_error,
-    improvements,
-    published_fits,
-    random_readings,
-    readings_at,
-    scaled,
-    scenario_of,
-    terms_of,
-    value_error,
-)
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "readings.json"
 
 
 def test_every_point_of_the_cube_is_a_reading() -> None:
-    cube = np.random.default_rng(0).random((200, len(AXES)))
+    cube = np.random.default_rng(0).random((200, len(paper.AXES)))
     cube[0], cube[1] = 0.0, 1.0  # times at the same place are put apart
-    for one in readings_at(cube):
-        for times, _ in SCHEDULES.values():
-            assert np.diff(one[times]).min() >= GAP * (1.0 - 1e-9)
-            assert one[times][0] >= GAP and one[times][-1] <= one[HORIZON] - GAP + 1e-9
-        for case in CASES:
-            scenario = scenario_of(one, case, "any")
-            assert scenario.duration == pytest.approx(one[HORIZON], abs=1e-12)
+    for one in paper.readings_at(cube):
+        for times, _ in paper.SCHEDULES.values():
+            assert np.diff(one[times]).min() >= paper.GAP * (1.0 - 1e-9)
+            assert (
+                one[times][0] >= paper.GAP
+                and one[times][-1] <= one[paper.HORIZON] - paper.GAP + 1e-9
+            )
+        for case in paper.CASES:
+            scenario = paper.scenario_of(one, case, "any")
+            assert scenario.duration == pytest.approx(one[paper.HORIZON], abs=1e-12)
             (m0, m1), (l0, l1), *_ = scenario.plants
             assert 0.1 - 1e-9 <= m0 <= m1 <= 2.0 + 1e-9
             assert 0.05 - 1e-9 <= l0 <= l1 <= 1.0 + 1e-9
-        assert {one[LABELS], one[SIGNED]} <= {0.0, 1.0}
+        assert {one[paper.LABELS], one[paper.SIGNED]} <= {0.0, 1.0}
 
 
 @pytest.mark.parametrize("index", [0, 1, 2])
 def test_improvements_are_those_of_the_simulated_scenarios(index: int) -> None:
-    one = random_readings(40, 1)[index].copy()
-    one[[SCALE_Z, SCALE_PHI, SIGNED]] = 0.0
-    found = improvements(terms_of(one[None]).objectives(one[None]))[0]
+    one = paper.random_readings(40, 1)[index].copy()
+    one[[paper.SCALE_Z, paper.SCALE_PHI, paper.SIGNED]] = 0.0
+    found = paper.improvements(paper.terms_of(one[None]).objectives(one[None]))[0]
     scales = nominal_scales(1e-3)
-    for case, here in zip(CASES, found, strict=True):
-        scenario = scenario_of(one, case, "replayed")
+    for case, here in zip(paper.CASES, found, strict=True):
+        scenario = paper.scenario_of(one, case, "replayed")
         objectives = []
         for name in ("fixed", "adaptive"):
             function = afl.CONTROLLERS[name].gain_function
-            w = function.coefficients[::-1] if one[LABELS] else function.coefficients
+            w = function.coefficients[::-1] if one[paper.LABELS] else function.coefficients
             gains = afl.GainFunction(**dict(zip(GAIN_NAMES, w, strict=True)))
-            controller = AFLController(name=name, gain_function=gains)
+            controller = afl.AFLController(name=name, gain_function=gains)
             run = afl.simulate_ode(scenario, controller, sample_period=1e-3)
             objectives.append(
                 with_objective(metrics(scenario, controller, run), scales)["objective"]
@@ -80,27 +58,27 @@ def test_improvements_are_those_of_the_simulated_scenarios(index: int) -> None:
 
 
 def test_the_papers_own_values_have_no_error() -> None:
-    own = 7.0 * PUBLISHED[None]
-    assert scaled(own)[0] == pytest.approx(PUBLISHED)
-    assert value_error(own)[0] == pytest.approx(0.0, abs=1e-9)
-    assert improvement_error(own)[0] < 0.01  # both are printed with four digits
+    own = 7.0 * paper.PUBLISHED[None]
+    assert paper.scaled(own)[0] == pytest.approx(paper.PUBLISHED)
+    assert paper.value_error(own)[0] == pytest.approx(0.0, abs=1e-9)
+    assert paper.improvement_error(own)[0] < 0.01  # both are printed with four digits
     worse = own * np.array([1.0, 1.1])
-    assert value_error(worse)[0] > 4.0
+    assert paper.value_error(worse)[0] > 4.0
     shift = 100.0 * np.mean(worse[0, :, 1] / worse[0, :, 0] - own[0, :, 1] / own[0, :, 0])
-    assert improvement_error(worse)[0] == pytest.approx(shift, rel=0.05)
-    assert np.isinf(value_error(np.full((1, 4, 2), np.inf))[0])
+    assert paper.improvement_error(worse)[0] == pytest.approx(shift, rel=0.05)
+    assert np.isinf(paper.value_error(np.full((1, 4, 2), np.inf))[0])
 
 
 def test_the_result_of_the_site_holds_what_it_says() -> None:
     told = json.loads(RESULT.read_text(encoding="utf-8"))["readings"]
-    rows = np.array([[one["values"][axis.name] for axis in AXES] for one in told])
-    here = improvements(terms_of(rows).objectives(rows))
+    rows = np.array([[one["values"][axis.name] for axis in paper.AXES] for one in told])
+    here = paper.improvements(paper.terms_of(rows).objectives(rows))
     assert here == pytest.approx(np.array([one["improvements"] for one in told]), abs=1e-6)
     free = next(one for one in told if one["name"] == "nearest-improvements-d4")
-    assert np.abs(np.array(free["improvements"]) - PUBLISHED_IMPROVEMENTS).max() < 5.0
+    assert np.abs(np.array(free["improvements"]) - paper.PUBLISHED_IMPROVEMENTS).max() < 5.0
 
 
 def test_table_1s_header_contradicts_table_2() -> None:
-    found = {(fit.labels, fit.gain): fit.possible for fit in published_fits()}
+    found = {(fit.labels, fit.gain): fit.possible for fit in paper.published_fits()}
     assert not found["table1", "switching"]
     assert all(found["table2", gain] for gain in paper.PUBLISHED_RMSE)

@@ -1,7 +1,5 @@
 """Readings: searches are round and sound, Table 1 is judged, the files are written."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -9,23 +7,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.studies.cube_search import Budget
-from research import readings
+from research import paper, readings
 from research.figures import draw_sensitivity
 from research.gain_tuning import GainTable
-from research.paper import (
-    CASES,
-    HORIZON,
-    HORIZONS,
-    SCALE_PHI,
-    SCALE_Z,
-    SCHEDULES,
-    Array,
-    improvement_error,
-    random_readings,
-    terms_of,
-)
 from research.readings import (
     GOALS,
     QUICK,
@@ -41,15 +26,15 @@ from research.readings import (
 
 @pytest.mark.parametrize("goal", GOALS)
 def test_round_readings_are_round_and_sound(goal: str) -> None:
-    found = rounded(random_readings(500, 0), GOALS[goal])
+    found = rounded(paper.random_readings(500, 0), GOALS[goal])
     assert sound(found).all()
-    assert set(found[:, HORIZON]) <= set(ROUND_HORIZONS)
-    for (symbol, _), (times, levels) in SCHEDULES.items():
+    assert set(found[:, paper.HORIZON]) <= set(ROUND_HORIZONS)
+    for (symbol, _), (times, levels) in paper.SCHEDULES.items():
         np.testing.assert_allclose(found[:, times] % 0.5, 0.0, atol=1e-12)
         share = found[:, levels] / (0.1 if symbol == "M" else 0.05)
         np.testing.assert_allclose(share, np.round(share), atol=1e-9)
     if not GOALS[goal].scales:
-        assert not found[:, [SCALE_Z, SCALE_PHI]].any()
+        assert not found[:, [paper.SCALE_Z, paper.SCALE_PHI]].any()
 
 
 def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
@@ -59,22 +44,22 @@ def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
     values, error, tried = first
     assert tried == 25
     one = np.array([values])
-    assert error == pytest.approx(improvement_error(terms_of(one).objectives(one))[0])
-    assert HORIZONS[0] <= one[0, HORIZON] <= HORIZONS[1]
-    assert not one[0, [SCALE_Z, SCALE_PHI]].any()
+    assert error == pytest.approx(paper.improvement_error(paper.terms_of(one).objectives(one))[0])
+    assert paper.HORIZONS[0] <= one[0, paper.HORIZON] <= paper.HORIZONS[1]
+    assert not one[0, [paper.SCALE_Z, paper.SCALE_PHI]].any()
     assert nearest(("improvements-d4", 2, 0, unit[3])) != first
 
 
 def test_a_descent_ends_where_no_change_of_one_unknown_helps(monkeypatch) -> None:
     goal = GOALS["improvements-d4"]
-    wanted = rounded(random_readings(1, 7), goal)[0]
+    wanted = rounded(paper.random_readings(1, 7), goal)[0]
 
-    def distance(_: object, readings: Array) -> list[float]:
+    def distance(_: object, readings: paper.Array) -> list[float]:
         return np.abs(readings - wanted).sum(axis=1).tolist()
 
     monkeypatch.setattr(readings, "_costs", distance)
     values, error, tried = descend(
-        ("improvements-d4", rounded(random_readings(1, 8), goal)[0].tolist())
+        ("improvements-d4", rounded(paper.random_readings(1, 8), goal)[0].tolist())
     )
     assert values == pytest.approx(wanted.tolist()) and error == pytest.approx(0.0, abs=1e-9)
     assert tried > 500
@@ -119,9 +104,9 @@ def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatc
     names = [one["name"] for one in found["readings"]]
     assert names == [f"{kind}-{goal}" for kind in ("nearest", "round") for goal in GOALS]
     files = {path.name for path in tmp_path.glob("*.toml")}
-    assert files == {f"{name}-{case}.toml" for name in names for case in CASES}
+    assert files == {f"{name}-{case}.toml" for name in names for case in paper.CASES}
     first = found["readings"][0]
-    scenario = load_scenario(tmp_path / f"{first['name']}-{CASES[0]}.toml")
+    scenario = afl.load_scenario(tmp_path / f"{first['name']}-{paper.CASES[0]}.toml")
     assert scenario.duration == first["values"]["horizon"]
     run = afl.simulate_ode(scenario, afl.CONTROLLERS["fixed"], sample_period=0.01)
     assert run.outcome.kind == "completed"

@@ -1,28 +1,24 @@
 """Many loops on schedules: their terms of (O1) are those of the equations as the paper has them."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gains import GAIN_NAMES, GainFunction
 from afl_mujoco.scenario.catalogue import random_scenario
-from afl_mujoco.scenario.scenario import Scenario
 from research.batch import closed_loop_terms
 from research.scheduled import scheduled_terms
 
 PUBLISHED = GainFunction.published().coefficients
 
 
-def knots(scenarios: list[Scenario]) -> tuple[np.ndarray, np.ndarray]:
+def knots(scenarios: list[afl.Scenario]) -> tuple[np.ndarray, np.ndarray]:
     return tuple(  # type: ignore[return-value]
         np.array([getattr(s, n).knots for s in scenarios]) for n in ("cart_mass", "half_length")
     )
 
 
-def reference(scenario: Scenario, controller: AFLController) -> list[float]:
+def reference(scenario: afl.Scenario, controller: afl.AFLController) -> list[float]:
     run = afl.simulate_ode(scenario, controller, sample_period=1e-3)
     assert run.outcome.kind == "completed"
     integrals = [np.trapezoid(np.abs(run.state[:, k]), run.time) for k in (0, 1)]
@@ -33,7 +29,7 @@ def reference(scenario: Scenario, controller: AFLController) -> list[float]:
 def test_the_terms_are_those_of_the_reference(name: str) -> None:
     scenarios = [random_scenario(3, index) for index in range(6)]
     controller = afl.CONTROLLERS[name]
-    assert isinstance(controller, AFLController)
+    assert isinstance(controller, afl.AFLController)
     found = scheduled_terms(*knots(scenarios), controller.gain_function.coefficients, 20.0)
     for k, scenario in enumerate(scenarios):
         expected = reference(scenario, controller)

@@ -1,7 +1,5 @@
 """`make tune` as a user runs it: resumed to the same bits, bad input in one line."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -4,10 +4,8 @@ import math
 
 import pytest
 
-from afl_mujoco import SCENARIOS
+import afl_mujoco as afl
 from afl_mujoco.errors import UnknownNameError
-from afl_mujoco.scenario.disturbances import ForcePulse
-from afl_mujoco.scenario.files import find_scenario
 
 TIMES = (0.0, 0.5, 1.0, 2.0, 2.999, 3.0, 5.0, 6.0, 7.0, 8.0, 20.0)
 STEP_MASS = (0.5, 0.5, 1.0, 1.0, 1.0, 2.0, 2.0, 2.0, 2.0, 2.0, 2.0)
@@ -23,34 +21,34 @@ CASES = {
 
 
 def test_the_nine_names_come_in_the_order_of_the_paper():
-    assert list(SCENARIOS) == ["nominal", *CASES, *(f"{name}-impulse" for name in CASES)]
-    assert all(scenario.name == name for name, scenario in SCENARIOS.items())
+    assert list(afl.SCENARIOS) == ["nominal", *CASES, *(f"{name}-impulse" for name in CASES)]
+    assert all(scenario.name == name for name, scenario in afl.SCENARIOS.items())
 
 
 @pytest.mark.parametrize("suffix", ["", "-impulse"], ids=["undisturbed", "impulse"])
 @pytest.mark.parametrize("name", CASES)
 def test_a_case_has_the_schedules_of_d3(name, suffix):
-    scenario = SCENARIOS[name + suffix]
+    scenario = afl.SCENARIOS[name + suffix]
     mass, length = CASES[name]
     assert scenario.cart_mass(TIMES) == pytest.approx(mass, rel=1e-15)  # one rounding
     assert scenario.half_length(TIMES) == pytest.approx(length, rel=1e-15)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", afl.SCENARIOS)
 def test_every_scenario_has_the_paper_s_constants_start_and_horizon(name):
-    s = SCENARIOS[name]
+    s = afl.SCENARIOS[name]
     assert (s.pole_mass, s.gravity, s.duration) == (0.05, 9.81, 20.0)
     assert s.initial_state == (0.0, -math.pi / 3, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", afl.SCENARIOS)
 def test_only_the_impulse_scenarios_carry_the_pulse_of_d6(name):
-    pulse = ForcePulse(force=-10.0, start=10.0, duration=0.1)
-    assert SCENARIOS[name].disturbances == ((pulse,) if name.endswith("-impulse") else ())
+    pulse = afl.ForcePulse(force=-10.0, start=10.0, duration=0.1)
+    assert afl.SCENARIOS[name].disturbances == ((pulse,) if name.endswith("-impulse") else ())
 
 
 def test_an_unknown_name_is_answered_with_the_valid_ones():
     with pytest.raises(UnknownNameError) as caught:
-        find_scenario("step-stop")
+        afl.find_scenario("step-stop")
     assert str(caught.value).startswith("scenario must be one of nominal, step-step, ")
     assert "got 'step-stop'; did you mean step-step or " in str(caught.value)

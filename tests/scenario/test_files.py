@@ -6,21 +6,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import afl_mujoco as afl
-from afl_mujoco import SCENARIOS, Scenario, load_scenario, piecewise_linear, save_scenario
-from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.belief import Assumed, Belief
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.imperfections import Imperfections
 
 POSITIVE = st.floats(1e-3, 1e3)
 NUMBER = st.floats(-1e5, 1e5)  # disturbances may not be larger
 TIME = st.floats(0, 9)
-PULSES = st.builds(ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
-HITS = st.builds(Impulse, momentum=NUMBER, time=TIME)
+PULSES = st.builds(afl.ForcePulse, force=NUMBER, start=TIME, duration=st.floats(1e-3, 1))
+HITS = st.builds(afl.Impulse, momentum=NUMBER, time=TIME)
 NOT_NEGATIVE = st.floats(0, 1e3)
 IMPERFECTIONS = st.builds(
-    Imperfections, control_period=st.none() | POSITIVE, delay=st.floats(0, 9),
+    afl.Imperfections, control_period=st.none() | POSITIVE, delay=st.floats(0, 9),
     noise=st.fixed_dictionaries({"phi": NOT_NEGATIVE}), differentiated=st.booleans(),
     end_stops=st.just({}) | st.fixed_dictionaries({"z": st.floats(1.1e5, 1e6)}),
     tip_mass_share=st.floats(0, 0.999), seed=st.integers(0, 2**63 - 1),
@@ -40,9 +35,9 @@ def scenarios(draw):
         ms = draw(st.lists(st.integers(-1000, 12_000), min_size=1, max_size=4, unique=True))
         times = [t / 1000 for t in sorted(ms)]
         knots = [t for t in times for _ in range(draw(st.integers(1, 2)))]
-        return piecewise_linear(knots, draw(st.tuples(*[POSITIVE] * len(knots))))
+        return afl.piecewise_linear(knots, draw(st.tuples(*[POSITIVE] * len(knots))))
 
-    return Scenario(
+    return afl.Scenario(
         name=draw(NAMES),
         schedule={
             "cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
@@ -60,8 +55,8 @@ def test_any_scenario_survives_its_file(tmp_path_factory):
     @settings(derandomize=True, max_examples=60, deadline=None)
     @given(scenario=scenarios())
     def survives(scenario):
-        save_scenario(scenario, path)
-        assert load_scenario(path) == scenario
+        afl.save_scenario(scenario, path)
+        assert afl.load_scenario(path) == scenario
 
     survives()
 
@@ -92,19 +87,19 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
         time = 5
         """
     )
-    scenario = load_scenario(path)
+    scenario = afl.load_scenario(path)
     assert (scenario.name, scenario.duration) == ("by hand", 12.0)
     assert scenario.half_length.at(3.0) == 0.4
     assert scenario.cart_mass([0.5, 1, 4, 4.5, 5, 6.5, 8]).tolist() == [0.5, 1, 1, 1.5, 2, 1.5, 3]
     assert scenario.disturbances == (
-        ForcePulse(force=-10, start=10, duration=0.1),
-        Impulse(momentum=1, time=5),
+        afl.ForcePulse(force=-10, start=10, duration=0.1),
+        afl.Impulse(momentum=1, time=5),
     )
 
 
 def test_what_a_file_leaves_out_is_nominal(tmp_path):
     (tmp_path / "nominal.toml").write_text("[schedule]")
-    assert load_scenario(tmp_path / "nominal.toml") == SCENARIOS["nominal"]
+    assert afl.load_scenario(tmp_path / "nominal.toml") == afl.SCENARIOS["nominal"]
 
 
 TABLE = "[schedule.cart_mass]\nshape = "
@@ -206,17 +201,17 @@ HIT = "[[disturbances]]\nshape = "
 def test_the_message_names_file_key_and_value(text, message, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(text)
-    with pytest.raises(AflMujocoError) as caught:
-        load_scenario(path)
+    with pytest.raises(afl.AflMujocoError) as caught:
+        afl.load_scenario(path)
     said = str(caught.value)
     assert said.startswith(f"{path}: {message}") or said.startswith(f"{path} {message}")
     assert "\n" not in said
 
 
 def test_find_takes_a_name_or_a_file(tmp_path):
-    save_scenario(SCENARIOS["step-step"], tmp_path / "mine.toml")
-    assert find_scenario("step-step") is SCENARIOS["step-step"]
-    assert find_scenario(str(tmp_path / "mine.toml")) == SCENARIOS["step-step"]
+    afl.save_scenario(afl.SCENARIOS["step-step"], tmp_path / "mine.toml")
+    assert afl.find_scenario("step-step") is afl.SCENARIOS["step-step"]
+    assert afl.find_scenario(str(tmp_path / "mine.toml")) == afl.SCENARIOS["step-step"]
 
 
 RUNS = {
@@ -231,10 +226,10 @@ RUNS = {
 @pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
 def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     scenario = afl.Scenario(name="mine", duration=0.02)
-    save_scenario(scenario, path := tmp_path / "mine.toml")
+    afl.save_scenario(scenario, path := tmp_path / "mine.toml")
     of_path, of_text, of_object = (run(x, "lqr") for x in (path, str(path), scenario))
     last = "end_time" if run is RUNS["run_rollouts"] else "state"
     for found in (of_path, of_text):
         np.testing.assert_array_equal(getattr(found, last), getattr(of_object, last))
-    with pytest.raises(AflMujocoError, match="did you mean nominal"):
+    with pytest.raises(afl.AflMujocoError, match="did you mean nominal"):
         run("nominall", "lqr")

@@ -4,16 +4,7 @@ import dataclasses
 
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    Scenario,
-    load_scenario,
-    save_scenario,
-    simulate_mujoco,
-    simulate_ode,
-    simulate_ode_held,
-    simulate_ode_rk4,
-)
+import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 
@@ -38,9 +29,9 @@ def test_the_real_one_differs_from_the_ideal_in_every_field():
 def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
     alone = [Imperfections(**{name: getattr(REAL, name)}) for name in FIELDS]
     for imperfections in (REAL, *alone):
-        scenario = Scenario(name="real", imperfections=imperfections)
-        save_scenario(scenario, tmp_path / "s.toml")
-        assert load_scenario(tmp_path / "s.toml") == scenario
+        scenario = afl.Scenario(name="real", imperfections=imperfections)
+        afl.save_scenario(scenario, tmp_path / "s.toml")
+        assert afl.load_scenario(tmp_path / "s.toml") == scenario
 
 
 @pytest.mark.parametrize(("text", "message"), [
@@ -67,26 +58,26 @@ def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message,
     path = tmp_path / "bad.toml"
     path.write_text(f"initial_state = [-0.6, 0, 0, 0]\n[imperfections]\n{text}")
     with pytest.raises(AflMujocoError) as caught:
-        load_scenario(path)
+        afl.load_scenario(path)
     assert str(caught.value).startswith(f"{path}: {message}")
     assert "\n" not in str(caught.value)
 
 
 SIMULATORS = {
-    "ode": simulate_ode,
-    "ode RK4": simulate_ode_rk4,
-    "ode held": simulate_ode_held,
-    "exact": lambda s, c: simulate_mujoco(s, c, "exact"),
-    "continuous": lambda s, c: simulate_mujoco(s, c, "continuous"),
+    "ode": afl.simulate_ode,
+    "ode RK4": afl.simulate_ode_rk4,
+    "ode held": afl.simulate_ode_held,
+    "exact": lambda s, c: afl.simulate_mujoco(s, c, "exact"),
+    "continuous": lambda s, c: afl.simulate_mujoco(s, c, "continuous"),
 }
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
 @pytest.mark.parametrize("name", FIELDS)
 def test_what_would_ignore_imperfections_refuses_it(simulate, name):
-    real = Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
+    real = afl.Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
     with pytest.raises(InvalidValueError) as caught:
-        simulate(real, CONTROLLERS["fixed"])
+        simulate(real, afl.CONTROLLERS["fixed"])
     assert (
         str(caught.value)
         == "scenario 'mine' has imperfections, which only mode \"sampled\" simulates: use "

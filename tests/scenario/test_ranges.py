@@ -1,7 +1,5 @@
 """What varies from run to run: the table of a file, and rates that are kept."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +11,6 @@ from hypothesis import strategies as st
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY, START, with_ranges
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase
@@ -89,7 +86,7 @@ def test_the_reference_of_a_space_is_the_scenario_itself(rig: afl.Scenario) -> N
 
 
 def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_rest() -> None:
-    own = replace(afl.SCENARIOS["step-step"], imperfections=Imperfections(delay=0.03))
+    own = replace(afl.SCENARIOS["step-step"], imperfections=afl.Imperfections(delay=0.03))
     varied = with_ranges(own).ranges.varied
     assert varied == {n: r for n, r in HARDWARE_RANGES.items() if n != "delay"}
     sample = sample_scenario(SampleSpace(with_ranges(own)), 0, 1)
@@ -156,7 +153,7 @@ def test_a_space_in_which_nothing_varies_is_refused() -> None:
         AflMujocoError, match="initial_state z must lie within the shortest end_stops"
     ):
         ranges = Ranges(varied={"z": (-2.0, 2.0)})
-        rail = Imperfections(end_stops={"z": 1.0})
+        rail = afl.Imperfections(end_stops={"z": 1.0})
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
 
 
@@ -188,7 +185,7 @@ def test_instants_that_find_no_room_are_refused(changes, message: str) -> None:
 
 
 def test_noise_of_velocities_that_are_differentiated_is_not_drawn() -> None:
-    own = replace(LABORATORY, ranges=FIXED, imperfections=Imperfections(differentiated=True))
+    own = replace(LABORATORY, ranges=FIXED, imperfections=afl.Imperfections(differentiated=True))
     left_out = HARDWARE_RANGES.keys() - with_ranges(own).ranges.varied.keys()
     assert left_out == {"noise.z_dot", "noise.phi_dot"}
     asked = replace(own, ranges=Ranges(varied={"noise.phi_dot": (0.0, 1.0)}))

@@ -1,15 +1,11 @@
 """Requirements: their rules, their table in a scenario file, what a run could not show."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.scenario.files import save_scenario
 from afl_mujoco.scenario.requirements import Requirements, recoveries
 
 PUSHES = (
@@ -42,7 +38,7 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
         completes=False, max={"z": 1.0, "phi": 0.3, "force": 150.0}, settling_time=5.5,
         recover_within=3.0, bands={"z": 0.1},
     )  # fmt: skip
-    save_scenario(scenario, tmp_path / "again.toml")
+    afl.save_scenario(scenario, tmp_path / "again.toml")
     assert afl.load_scenario(tmp_path / "again.toml") == scenario
     assert "bands.phi" not in (tmp_path / "again.toml").read_text()  # a default
 
@@ -74,7 +70,7 @@ def test_a_requirement_that_breaks_its_rule_is_named(
     tmp_path: Path, text: str, message: str
 ) -> None:
     (tmp_path / "bad.toml").write_text(f"[requirements]\n{text}\n")
-    with pytest.raises(AflMujocoError) as caught:
+    with pytest.raises(afl.AflMujocoError) as caught:
         afl.load_scenario(tmp_path / "bad.toml")
     assert str(caught.value).startswith(f"{tmp_path / 'bad.toml'}: {message}")
 
@@ -84,7 +80,7 @@ def test_a_requirement_that_breaks_its_rule_is_named(
     ({"recover_within": 3.4}, "must be less than 3.4 s, the time left after the disturbance"),
 ])  # fmt: skip
 def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:
-    with pytest.raises(AflMujocoError, match=message):
+    with pytest.raises(afl.AflMujocoError, match=message):
         afl.Scenario(
             name="pushed", disturbances=PUSHES, duration=10.0, requirements=Requirements(**asked)
         )
@@ -108,7 +104,7 @@ def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
         disturbances = (long, inner)[::order]
         assert recoveries(10.0, disturbances) == [(3.0, 10.0)]
         message = r"must be less than 7 s, the time left after the disturbance that ends at 3 s"
-        with pytest.raises(AflMujocoError, match=message):
+        with pytest.raises(afl.AflMujocoError, match=message):
             afl.Scenario(
                 name="nested",
                 disturbances=disturbances,

@@ -1,15 +1,13 @@
 """The unit cube and the scenarios that its points stand for."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     acting,
@@ -17,18 +15,17 @@ from afl_mujoco.scenario.sample_space import (
     sample_scenario,
     search_generator,
 )
-from afl_mujoco.scenario.scenario import Scenario
 
 SPACE = SampleSpace(LABORATORY)
 MANY = 300
 
 
 @pytest.fixture(scope="module")
-def samples() -> list[Scenario]:
+def samples() -> list[afl.Scenario]:
     return [sample_scenario(SPACE, i, 7) for i in range(MANY)]
 
 
-def at(**shares: float) -> Scenario:
+def at(**shares: float) -> afl.Scenario:
     """The scenario in the middle of the cube but for some coordinates."""
     point = dict.fromkeys(SPACE.coordinates, 0.5) | {
         k.replace("__", " "): v for k, v in shares.items()
@@ -73,8 +70,8 @@ def test_a_point_does_not_say_what_the_noise_is_nor_the_noise_where_the_point_is
     point = np.full(SPACE.dimension, 0.3)
     one, other = (SPACE.scenario_of(point, i, 1) for i in (0, 1))
     assert one.imperfections.seed != other.imperfections.seed
-    assert replace(one, name="x", imperfections=Imperfections()) == replace(
-        other, name="x", imperfections=Imperfections()
+    assert replace(one, name="x", imperfections=afl.Imperfections()) == replace(
+        other, name="x", imperfections=afl.Imperfections()
     )
     assert replace(one.imperfections, seed=0) == replace(other.imperfections, seed=0)
 
@@ -84,7 +81,7 @@ def test_a_search_shares_its_random_numbers_with_no_sample() -> None:
     assert all((sample_point(SPACE, i, 7) != drawn).all() for i in range(100))
 
 
-def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[Scenario]) -> None:
+def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[afl.Scenario]) -> None:
     states = np.array([sample.initial_state for sample in samples])
     found = {name: states[:, i] for i, name in enumerate(("z", "phi", "z_dot", "phi_dot"))}
     for thing in ("cart_mass", "half_length"):
@@ -101,7 +98,7 @@ def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[Scenario])
         assert share.mean() == pytest.approx(0.5, abs=0.08), name  # 5 sigma of 300
 
 
-def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> None:
+def test_the_shapes_and_their_instants_are_as_said(samples: list[afl.Scenario]) -> None:
     counts = dict.fromkeys((1, 4, 6), 0)
     for sample in samples:
         assert sample.duration == 20.0
@@ -116,11 +113,11 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[Scenario]) -> N
 
 def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
     sample = SPACE.scenario_of(SPACE.reference, 0, 0)
-    nominal = Scenario(name="nominal")
+    nominal = afl.Scenario(name="nominal")
     np.testing.assert_allclose(sample.initial_state, nominal.initial_state, atol=1e-15)
     assert sample.cart_mass.values == pytest.approx(nominal.cart_mass.values)
     assert sample.half_length.values == pytest.approx(nominal.half_length.values)
-    assert sample.imperfections == Imperfections(seed=sample.imperfections.seed)
+    assert sample.imperfections == afl.Imperfections(seed=sample.imperfections.seed)
 
 
 @pytest.mark.parametrize("point", [np.zeros(3), np.full(SPACE.dimension, 1.1)], ids=["3", "1.1"])

@@ -1,7 +1,5 @@
 """Scenarios of any plant: the same loop, the same judge, by the plant's own names."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from dataclasses import replace
@@ -18,7 +16,6 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.ranges import Ranges
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
@@ -364,7 +361,7 @@ def test_what_is_told_of_one_input_varies_by_itself() -> None:
 
 
 def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
-    asked = Requirements(min={"z": 1.0}, max={"z": 0.5})
+    asked = afl.Requirements(min={"z": 1.0}, max={"z": 0.5})
     with pytest.raises(InvalidValueError, match=r"min.z must be at most requirements.max.z, 0.5"):
         afl.Scenario(name="own", plant=QUADROTOR, requirements=asked)
     with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):

@@ -14,7 +14,6 @@ from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
 from afl_mujoco.simulation.trajectory import criterion_of
 
 SCENARIO = replace(
@@ -60,7 +59,7 @@ def test_steps_are_scipys_at_a_loose_tolerance_too():
 def test_exact_mode_is_scipys_on_mujocos_dynamics():
     controller = afl.CONTROLLERS["adaptive"]
     run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
-    model = CartPoleModel(SCENARIO.parameters_at(0.0))
+    model = afl.CartPoleModel(SCENARIO.parameters_at(0.0))
     loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
     solver = scipy_solver(loop, criterion_of(SCENARIO))
     arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)

@@ -1,7 +1,5 @@
 """Figures draw what they say."""
 
-from __future__ import annotations
-
 import numpy as np
 
 import afl_mujoco as afl

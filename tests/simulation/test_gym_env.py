@@ -4,8 +4,6 @@ Optional: `pip install afl-mujoco[gym]`. Without Gymnasium the tests are skipped
 AFL_MUJOCO_REQUIRE_GYMNASIUM is set.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco import Scenario, piecewise_linear, staircase
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
+import afl_mujoco as afl
 from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
@@ -40,11 +39,11 @@ def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
     return times, states, outcome
 
 
-REST = Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
+REST = afl.Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
 
 
 def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
-    pulse = ForcePulse(force=100.0, start=10.0003, duration=0.01)
+    pulse = afl.ForcePulse(force=100.0, start=10.0003, duration=0.01)
     times, states, outcome = _run(replace(REST, disturbances=(pulse,)))
     assert str(outcome) == "completed"
     assert len(states) == len(times)
@@ -55,10 +54,10 @@ def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
 
 
 def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_jump():
-    hit = Impulse(momentum=3.0, time=5.0)
+    hit = afl.Impulse(momentum=3.0, time=5.0)
     scenario = replace(
         REST,
-        schedule={**REST.schedule, "cart_mass": staircase((5.0,), (1.0, 2.0))},
+        schedule={**REST.schedule, "cart_mass": afl.staircase((5.0,), (1.0, 2.0))},
         disturbances=(hit,),
     )
     times, states, _ = _run(scenario)
@@ -71,7 +70,7 @@ def test_parameters_follow_the_schedule_within_a_segment():
     # z'' = M(t) = 1 + t: z = t^2/2 + t^3/6
     scenario = replace(
         REST,
-        schedule={**REST.schedule, "cart_mass": piecewise_linear((0.0, 2.0), (1.0, 3.0))},
+        schedule={**REST.schedule, "cart_mass": afl.piecewise_linear((0.0, 2.0), (1.0, 3.0))},
         duration=2.0,
     )
     _, states, _ = _run(scenario, lambda s, mass, length, push: (s[2], s[3], mass, 0.0))

@@ -1,7 +1,5 @@
 """Requirements judged: on runs made by hand, whose figures one can read off."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -14,7 +12,6 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of
 from afl_mujoco.simulation.judgement import failure_of, judge, judge_failure
 from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
-from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 ASKED = [name for name in asked_of(CART_POLE) if not name.startswith("min.")]
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
@@ -31,13 +28,13 @@ def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, comman
     time = np.round(np.arange(0.0, (10.0 if end is None else end) + 1e-9, 0.01), 9)
     state = np.zeros((len(time), 4))
     state[:, 0], state[:, 1] = z(time), phi(time)
-    return Trajectory(
+    return afl.Trajectory(
         time=time,
         state=state,
         input=force(time) + 0.0 * time,
         command=(command or force)(time) + 0.0 * time,
         parameters={"cart_mass": np.ones_like(time), "half_length": np.ones_like(time)},
-        outcome=Outcome("completed", 10.0) if end is None else Outcome("fell", end),
+        outcome=afl.Outcome("completed", 10.0) if end is None else afl.Outcome("fell", end),
     )
 
 

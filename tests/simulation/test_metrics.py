@@ -1,7 +1,5 @@
 """Metrics against closed forms."""
 
-from __future__ import annotations
-
 import sys
 import types
 from dataclasses import replace
@@ -12,26 +10,25 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.simulation.metrics import UNITS, metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective_scales, with_objective
-from afl_mujoco.simulation.trajectory import Outcome, Trajectory
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
 
 
-def decaying_run(outcome: str = "completed") -> Trajectory:
+def decaying_run(outcome: str = "completed") -> afl.Trajectory:
     """z = exp(-t), phi = -exp(-2 t), F = 5 - t over 10 s."""
     time = np.linspace(0.0, 10.0, 10_001)
     state = np.zeros((time.size, 4))
     state[:, 0], state[:, 1] = np.exp(-time), -np.exp(-2.0 * time)
-    return Trajectory(
+    return afl.Trajectory(
         time=time,
         state=state,
         input=5.0 - time,
         parameters={"cart_mass": np.ones_like(time), "half_length": np.full_like(time, 0.5)},
-        outcome=Outcome(outcome, 10.0),
+        outcome=afl.Outcome(outcome, 10.0),
     )
 
 
-def measured(run: Trajectory) -> dict[str, float | None]:
+def measured(run: afl.Trajectory) -> dict[str, float | None]:
     return metrics(afl.SCENARIOS["nominal"], afl.CONTROLLERS["fixed"], run)
 
 
@@ -91,7 +88,7 @@ def test_overshoot_is_the_excursion_beyond_the_target() -> None:
     run = decaying_run()
     state = run.state.copy()
     state[:, 1] = -np.cos(run.time) * np.exp(-run.time)
-    swung = Trajectory(
+    swung = afl.Trajectory(
         time=run.time, state=state, input=run.force, parameters=run.parameters, outcome=run.outcome
     )
     at_peak = 0.75 * np.pi  # where the derivative of cos(t) exp(-t) vanishes

@@ -9,23 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    CartPoleModel,
-    CartPoleParameters,
-    Imperfections,
-    Scenario,
-    acceleration,
-    constant,
-    simulate_mujoco,
-    simulate_ode,
-    simulate_ode_held,
-    simulate_ode_rk4,
-    staircase,
-)
-from afl_mujoco.errors import AflMujocoError
+import afl_mujoco as afl
 from afl_mujoco.plant.dynamics import velocity_jump
-from afl_mujoco.scenario.disturbances import Impulse
 from tests.engine import accelerations
 from tests.engine import jump as jump_of
 
@@ -33,9 +18,9 @@ from tests.engine import jump as jump_of
 A1, B2B, B3 = 1e-11, 1e-10, 1e-8
 
 MODES = ("exact", "continuous", "sampled")
-TIPPING = Scenario(
+TIPPING = afl.Scenario(
     name="tipping",
-    schedule={"cart_mass": constant(20.0), "half_length": constant(0.05), "pole_mass": 3.0},
+    schedule={"cart_mass": afl.constant(20.0), "half_length": afl.constant(0.05), "pole_mass": 3.0},
     duration=2.0,
 )
 
@@ -55,10 +40,10 @@ def at_most(seconds):
 
 
 def _plants(rng, count):
-    model = CartPoleModel(CartPoleParameters())
+    model = afl.CartPoleModel(afl.CartPoleParameters())
     names = ("cart_mass", "pole_mass", "half_length", "gravity")
     for row in rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), (count, 4)).tolist():
-        p = CartPoleParameters(**dict(zip(names, row, strict=True)))
+        p = afl.CartPoleParameters(**dict(zip(names, row, strict=True)))
         model.set_parameters(p)
         yield model, p
 
@@ -67,7 +52,7 @@ def test_mujoco_s_accelerations_are_those_of_the_plant(rng):
     for model, p in _plants(rng, 300):
         state = rng.uniform((-5, -3.1, -5, -10), (5, 3.1, 5, 10))
         force, push = rng.uniform(-200, 200), rng.uniform(-50, 50)
-        expected = acceleration(state, force + push, p)
+        expected = afl.acceleration(state, force + push, p)
         actual = accelerations(model, state, force, push)
         assert np.abs(actual - expected).max() <= A1 * (1 + np.abs(expected).max())
 
@@ -89,17 +74,21 @@ def _difference(one, other):
 
 @pytest.mark.parametrize("timestep", [1e-3, 7e-3], ids=str)
 def test_b2b_continuous_mode_is_a_textbook_rk4(odd_scenario, controller, timestep):
-    run = simulate_mujoco(odd_scenario, controller, mode="continuous", timestep=timestep)
-    assert _difference(run, simulate_ode_rk4(odd_scenario, controller, timestep=timestep)) <= B2B
+    run = afl.simulate_mujoco(odd_scenario, controller, mode="continuous", timestep=timestep)
+    assert (
+        _difference(run, afl.simulate_ode_rk4(odd_scenario, controller, timestep=timestep)) <= B2B
+    )
     assert set(odd_scenario.breakpoints) <= set(run.time.tolist())
 
 
 @pytest.mark.parametrize("hold", [1, 5], ids=["every step", "every fifth step"])
 def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
-    run = simulate_mujoco(
+    run = afl.simulate_mujoco(
         odd_scenario, controller, mode="sampled", timestep=1e-3, control_period=hold * 1e-3
     )
-    held = simulate_ode_held(odd_scenario, controller, timestep=1e-3, control_period=hold * 1e-3)
+    held = afl.simulate_ode_held(
+        odd_scenario, controller, timestep=1e-3, control_period=hold * 1e-3
+    )
     assert _difference(run, held) <= B3
     held_for = run.force[:-1].reshape(-1, hold)
     assert (held_for == held_for[:, :1]).all()
@@ -110,11 +99,11 @@ def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive)
     masses = tuple(1.0 + 0.1 * (-1) ** k for k in range(13))
     scenario = replace(
         odd_scenario,
-        schedule={**odd_scenario.schedule, "cart_mass": staircase(times, masses)},
+        schedule={**odd_scenario.schedule, "cart_mass": afl.staircase(times, masses)},
         disturbances=(),
     )
-    run = simulate_mujoco(scenario, adaptive, mode="sampled")
-    assert _difference(run, simulate_ode_held(scenario, adaptive)) <= B3
+    run = afl.simulate_mujoco(scenario, adaptive, mode="sampled")
+    assert _difference(run, afl.simulate_ode_held(scenario, adaptive)) <= B3
 
 
 @pytest.mark.parametrize("time", [0.3, 0.3004, 0.3996, 0.4], ids=str)
@@ -122,21 +111,21 @@ def test_an_impulse_acts_at_its_instant_wherever_it_lies(smooth_scenario, time):
     """The cart is free, so that it moves by a known way; held steps of 100 ms would hide 40 ms."""
     alone = replace(
         smooth_scenario,
-        schedule={**smooth_scenario.schedule, "pole_mass": 1e-9, "cart_mass": constant(2.0)},
+        schedule={**smooth_scenario.schedule, "pole_mass": 1e-9, "cart_mass": afl.constant(2.0)},
         duration=0.8,
         initial_state=(0.0, 0.0, 0.0, 0.0),
-        disturbances=(Impulse(momentum=1.0, time=time),),
+        disturbances=(afl.Impulse(momentum=1.0, time=time),),
     )
-    run = simulate_mujoco(alone, lambda t, x, b: 0.0, timestep=1e-3)
+    run = afl.simulate_mujoco(alone, lambda t, x, b: 0.0, timestep=1e-3)
     after = np.maximum(run.time - time, 0.0)
     np.testing.assert_allclose(run.state[:, 0], 0.5 * after, rtol=0, atol=1e-7)
 
 
 def test_an_impulse_during_the_last_step_is_neither_lost_nor_early(smooth_scenario, adaptive):
-    hit = Impulse(momentum=1.0, time=0.7995)
+    hit = afl.Impulse(momentum=1.0, time=0.7995)
     scenario = replace(smooth_scenario, disturbances=(hit,))
-    disturbed = simulate_mujoco(scenario, adaptive, mode="sampled")
-    calm = simulate_mujoco(smooth_scenario, adaptive, mode="sampled")
+    disturbed = afl.simulate_mujoco(scenario, adaptive, mode="sampled")
+    calm = afl.simulate_mujoco(smooth_scenario, adaptive, mode="sampled")
     assert abs(disturbed.state[-1, 2] - calm.state[-1, 2]) > 0.1
 
 
@@ -144,11 +133,11 @@ def test_an_impulse_during_the_last_step_is_neither_lost_nor_early(smooth_scenar
 def test_the_other_integrators_are_of_order_one(integrator, smooth_scenario, adaptive):
     errors = []
     for h in (2e-3, 1e-3, 5e-4):
-        run = simulate_mujoco(
+        run = afl.simulate_mujoco(
             smooth_scenario, adaptive, "sampled",
             timestep=h, control_period=2e-3, integrator=integrator,
         )  # fmt: skip
-        held = simulate_ode_held(smooth_scenario, adaptive, timestep=h, control_period=2e-3)
+        held = afl.simulate_ode_held(smooth_scenario, adaptive, timestep=h, control_period=2e-3)
         errors.append(np.abs(run.state[-1] - held.state[-1]).max())
     assert 0.9 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 1.1  # A4
 
@@ -156,10 +145,10 @@ def test_the_other_integrators_are_of_order_one(integrator, smooth_scenario, ada
 @pytest.mark.parametrize("mode", MODES)
 def test_a_fall_ends_alike_on_both_sides_and_writes_no_log(mode, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    nominal = CONTROLLERS["fixed-nominal"]
-    reference = simulate_ode(TIPPING, nominal)
+    nominal = afl.CONTROLLERS["fixed-nominal"]
+    reference = afl.simulate_ode(TIPPING, nominal)
     with at_most(30):
-        run = simulate_mujoco(TIPPING, nominal, mode=mode)
+        run = afl.simulate_mujoco(TIPPING, nominal, mode=mode)
     assert np.isfinite(run.state).all()
     assert run.time[-1] <= run.outcome.time
     assert list(tmp_path.iterdir()) == []  # no MUJOCO_LOG.TXT
@@ -168,8 +157,8 @@ def test_a_fall_ends_alike_on_both_sides_and_writes_no_log(mode, tmp_path, monke
 
 
 SIMULATORS = {
-    **{mode: partial(simulate_mujoco, mode=mode) for mode in MODES},
-    "ode": simulate_ode, "ode RK4": simulate_ode_rk4, "ode held": simulate_ode_held,
+    **{mode: partial(afl.simulate_mujoco, mode=mode) for mode in MODES},
+    "ode": afl.simulate_ode, "ode RK4": afl.simulate_ode_rk4, "ode held": afl.simulate_ode_held,
 }  # fmt: skip
 
 
@@ -202,7 +191,7 @@ INTEGRATORS = "integrator must be one of RK4, Euler, implicit, implicitfast, got
     *((mode, {"integrator": "RK5"}, INTEGRATORS) for mode in MODES),
 ], ids=str)  # fmt: skip
 def test_bad_settings_are_refused(name, settings, message, smooth_scenario, adaptive):
-    with pytest.raises(AflMujocoError, match=f"^{message}"):
+    with pytest.raises(afl.AflMujocoError, match=f"^{message}"):
         SIMULATORS[name](smooth_scenario, adaptive, **settings)
 
 
@@ -210,10 +199,10 @@ def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
     def rub(spec: mujoco.MjSpec) -> None:
         spec.joint("z").frictionloss = 2.0
 
-    scenario = Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
-    rough = replace(scenario, imperfections=Imperfections(dry_friction={"z": 2.0}))
-    edited = simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub)
-    described = simulate_mujoco(rough, "fixed", mode="sampled")
+    scenario = afl.Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
+    rough = replace(scenario, imperfections=afl.Imperfections(dry_friction={"z": 2.0}))
+    edited = afl.simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub)
+    described = afl.simulate_mujoco(rough, "fixed", mode="sampled")
     np.testing.assert_array_equal(edited.state, described.state)
-    smooth = simulate_mujoco(scenario, "fixed", mode="sampled")
+    smooth = afl.simulate_mujoco(scenario, "fixed", mode="sampled")
     assert not np.array_equal(edited.state, smooth.state)

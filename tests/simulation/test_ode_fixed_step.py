@@ -6,23 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from afl_mujoco import (
-    CONTROLLERS,
-    GainGrid,
-    Scenario,
-    StateFeedback,
-    acceleration,
-    piecewise_linear,
-    simulate_ode,
-    simulate_ode_held,
-    simulate_ode_rk4,
-    staircase,
-)
+import afl_mujoco as afl
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
 STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)
@@ -32,9 +20,9 @@ HELD_STEP = 2e-3
 @pytest.mark.parametrize("kind", ["smooth_scenario", "odd_scenario"])
 def test_rk4_is_of_order_four_jumps_and_pulses_included(kind, request, controller):
     scenario = request.getfixturevalue(kind)
-    exact = simulate_ode(scenario, controller, sample_period=scenario.duration).state[-1]
+    exact = afl.simulate_ode(scenario, controller, sample_period=scenario.duration).state[-1]
     errors = [
-        np.abs(simulate_ode_rk4(scenario, controller, timestep=h).state[-1] - exact).max()
+        np.abs(afl.simulate_ode_rk4(scenario, controller, timestep=h).state[-1] - exact).max()
         for h in STEP_SIZES
     ]
     slope = np.polyfit(np.log(STEP_SIZES), np.log(errors), 1)[0]
@@ -52,7 +40,7 @@ def _held_by_dop853(scenario, controller, timestep, hold):
         hits = [
             d
             for d in scenario.disturbances
-            if isinstance(d, Impulse) and now < d.time < now + timestep
+            if isinstance(d, afl.Impulse) and now < d.time < now + timestep
         ]  # no impulse of the scenario lies at the start of a step
         if k % hold == 0:
             force = controller.force(state, scenario.parameters_at(now))
@@ -61,14 +49,14 @@ def _held_by_dop853(scenario, controller, timestep, hold):
         pushed = sum(
             d.force * max(0.0, min(d.end, now + timestep) - max(d.start, now))
             for d in scenario.disturbances
-            if not isinstance(d, Impulse)
+            if not isinstance(d, afl.Impulse)
         )
         total = force + pushed / timestep
         for part in (*hits, None):
             until = timestep if part is None else part.time - now
             since = hits[-1].time - now if hits and part is None else 0.0
             state = solve_ivp(
-                lambda t, y, total=total, p=p: [y[2], y[3], *acceleration(y, total, p)],
+                lambda t, y, total=total, p=p: [y[2], y[3], *afl.acceleration(y, total, p)],
                 (since, until), state, method="DOP853", rtol=1e-12, atol=1e-14,
             ).y[:, -1]  # fmt: skip
             if part is not None:
@@ -78,7 +66,7 @@ def _held_by_dop853(scenario, controller, timestep, hold):
 
 @pytest.mark.parametrize("hold", [1, 4], ids=["every step", "every fourth step"])
 def test_the_held_loop_agrees_with_another_integrator(odd_scenario, adaptive, hold):
-    run = simulate_ode_held(
+    run = afl.simulate_ode_held(
         odd_scenario, adaptive, timestep=HELD_STEP, control_period=hold * HELD_STEP
     )
     states, forces = _held_by_dop853(odd_scenario, adaptive, HELD_STEP, hold)
@@ -88,10 +76,10 @@ def test_the_held_loop_agrees_with_another_integrator(odd_scenario, adaptive, ho
 
 
 def test_the_held_loop_tends_to_the_continuous_one_in_the_first_order(smooth_scenario, adaptive):
-    exact = simulate_ode(smooth_scenario, adaptive, sample_period=0.8).state[-1]
+    exact = afl.simulate_ode(smooth_scenario, adaptive, sample_period=0.8).state[-1]
     sizes = (4e-3, 2e-3, 1e-3, 5e-4)
     errors = [
-        np.abs(simulate_ode_held(smooth_scenario, adaptive, timestep=h).state[-1] - exact).max()
+        np.abs(afl.simulate_ode_held(smooth_scenario, adaptive, timestep=h).state[-1] - exact).max()
         for h in sizes
     ]
     assert 0.9 <= np.polyfit(np.log(sizes), np.log(errors), 1)[0] <= 1.1  # B4
@@ -102,20 +90,20 @@ def test_one_substep_is_enough_to_run_and_more_are_closer(kind, request, adaptiv
     """By the fourth order, with the force held and M and l followed within every step."""
     scenario, holds = request.getfixturevalue(kind), Holds(control_period=1e-3)
     one, two, many = (
-        simulate_ode_held(scenario, adaptive, holds=holds, substeps=n).state for n in (1, 2, 8)
+        afl.simulate_ode_held(scenario, adaptive, holds=holds, substeps=n).state for n in (1, 2, 8)
     )
     assert 8.0 < np.abs(one - many).max() / np.abs(two - many).max() < 32.0
 
 
 def test_a_breakpoint_just_before_an_instant_is_not_that_instant(smooth_scenario, adaptive):
-    heavier = staircase((0.5 - 5e-7,), (1.37, 1.6))
+    heavier = afl.staircase((0.5 - 5e-7,), (1.37, 1.6))
     scenario = replace(
         smooth_scenario,
         schedule={**smooth_scenario.schedule, "cart_mass": heavier},
         initial_state=(0.0, 0.1, 2.0, 0.0),
     )
-    run = simulate_ode_held(scenario, adaptive, timestep=HELD_STEP, holds=Holds(), substeps=8)
-    reference = simulate_ode(scenario, adaptive, sample_period=HELD_STEP)
+    run = afl.simulate_ode_held(scenario, adaptive, timestep=HELD_STEP, holds=Holds(), substeps=8)
+    reference = afl.simulate_ode(scenario, adaptive, sample_period=HELD_STEP)
     at = np.searchsorted(reference.time, run.time - 1e-9)
     np.testing.assert_allclose(run.time, reference.time[at], atol=1e-9)
     np.testing.assert_allclose(run.state, reference.state[at], rtol=0, atol=1e-8)
@@ -123,18 +111,18 @@ def test_a_breakpoint_just_before_an_instant_is_not_that_instant(smooth_scenario
 
 def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
     """M falls to a milligram under a force that is followed: the second step ends beyond limits."""
-    lighter = staircase((0.02,), (1.0, 1e-6))
-    scenario = Scenario(
+    lighter = afl.staircase((0.02,), (1.0, 1e-6))
+    scenario = afl.Scenario(
         name="lost",
         schedule={"cart_mass": lighter},
         initial_state=(1.0, 0.1, 0.0, 0.0),
         duration=0.1,
     )
-    gains = GainGrid.constant((1e3, 0.0, 0.0, 0.0))
-    spring = StateFeedback(name="spring", kind=LINEAR, gains=gains)
+    gains = afl.GainGrid.constant((1e3, 0.0, 0.0, 0.0))
+    spring = afl.StateFeedback(name="spring", kind=LINEAR, gains=gains)
     own = PythonController(name="own", function=lambda time, state, belief: -1e3 * state[0])
     for controller in (spring, own):
-        run = simulate_ode_held(scenario, controller, timestep=0.02, holds=Holds(), substeps=1)
+        run = afl.simulate_ode_held(scenario, controller, timestep=0.02, holds=Holds(), substeps=1)
         assert str(run.outcome) == "diverged at t = 0.02 s"
         np.testing.assert_allclose(run.force, -1e3 * run.state[:, 0], rtol=1e-15)
         assert len(run.force) == 2
@@ -143,7 +131,7 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
 @pytest.mark.parametrize("held", [True, False])
 def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
     """The cart-pole as a plant of equations, called from Python, is the compiled cart-pole."""
-    lqr = CONTROLLERS["lqr"]
+    lqr = afl.CONTROLLERS["lqr"]
 
     def control(time, state, belief):
         values = (belief.cart_mass, belief.pole_mass, belief.half_length, belief.gravity)
@@ -153,16 +141,16 @@ def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
         "duration": 1.5,
         "initial_state": {"phi": 0.2},
         "schedule": {
-            "cart_mass": staircase((0.5,), (1.0, 1.7)),
-            "half_length": piecewise_linear((0.2, 0.9033), (0.5, 0.7)),
+            "cart_mass": afl.staircase((0.5,), (1.0, 1.7)),
+            "half_length": afl.piecewise_linear((0.2, 0.9033), (0.5, 0.7)),
         },
-        "disturbances": (ForcePulse(force=2.0, start=0.3007, duration=0.2),),
+        "disturbances": (afl.ForcePulse(force=2.0, start=0.3007, duration=0.2),),
     }
     mine = PythonController(name="mine", function=control)
     settings = {"timestep": 5e-3, "substeps": 2}
     settings |= {"control_period": 0.01} if held else {"holds": Holds()}
-    expected = simulate_ode_held(Scenario(name="s", **what), lqr, **settings)
+    expected = afl.simulate_ode_held(afl.Scenario(name="s", **what), lqr, **settings)
     own = replace(mine, plant=cart_pole)
-    found = simulate_ode_held(Scenario(name="s", plant=cart_pole, **what), own, **settings)
+    found = afl.simulate_ode_held(afl.Scenario(name="s", plant=cart_pole, **what), own, **settings)
     np.testing.assert_allclose(found.state, expected.state, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(found.force, expected.force, rtol=0.0, atol=1e-9)

@@ -1,7 +1,5 @@
 """What a page replays: the poses of MuJoCo, seen across the plane in which a plant moves."""
 
-from __future__ import annotations
-
 import base64
 import json
 from pathlib import Path
@@ -12,8 +10,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.poses import FPS, MOST_NUMBERS, plane_of, replay_data
 from tests.plants.plants import known
 
@@ -35,7 +31,7 @@ def flight(duration: float = 3.0) -> tuple[afl.Scenario, dict[str, Any]]:
     """Return a quadrotor that reels its cable out, and how it flies."""
     scenario = afl.Scenario(
         name="reel", plant=known("quadrotor_load.py:plant"), duration=duration,
-        schedule={"length": LENGTHS}, requirements=Requirements(max={"z": 0.4}),
+        schedule={"length": LENGTHS}, requirements=afl.Requirements(max={"z": 0.4}),
     )  # fmt: skip
     time = np.linspace(0.0, duration, 500)
     fast = np.sin(5.0 * time)
@@ -79,8 +75,8 @@ def test_limits_of_positions_and_the_rail_are_lines_where_the_joint_reaches_them
         ("limit", [0.0, -0.4], [-1.0, 0.0]), ("limit", [0.0, 0.4], [-1.0, 0.0]),
     ]  # fmt: skip
     scenario = afl.Scenario(
-        name="rail", duration=1.0, imperfections=Imperfections(end_stops={"z": 2.0}),
-        requirements=Requirements(max={"z": 1.5, "phi": 0.5}),
+        name="rail", duration=1.0, imperfections=afl.Imperfections(end_stops={"z": 2.0}),
+        requirements=afl.Requirements(max={"z": 1.5, "phi": 0.5}),
     )  # fmt: skip
     time = np.linspace(0.0, 1.0, 20)
     found = replay_data(scenario, {"lqr": moving(time, time, 0.1 * time)}, {})["lines"]

@@ -1,7 +1,5 @@
 """Rates of parameters that act on the motion: against D9 by hand and a Lagrangian by SymPy."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from functools import cache
 

@@ -1,7 +1,5 @@
 """The dm_control environment: the plant, the contract."""
 
-from __future__ import annotations
-
 import copy
 import math
 import pickle
@@ -18,7 +16,6 @@ import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import LABORATORY
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.task import controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
@@ -63,13 +60,13 @@ def _states(environment, policy) -> np.ndarray:
     return np.array(seen)
 
 
-ROUGH = Imperfections(
+ROUGH = afl.Imperfections(
     delay=0.0035, lag=0.004, slew_rate=2e3, input_limit=60.0, encoder_step={"phi": 1e-3},
     noise={"phi": 1e-3, "z": 5e-4}, differentiated=True, velocity_filter=0.01,
     damping={"z": 1.0, "phi": 1e-3}, dry_friction={"z": 0.5}, tip_mass_share=0.1,
     parameter_delay=0.03, end_stops={"z": 3.0}, seed=5,
 )  # fmt: skip
-AT_100_HZ = _short("step-step", 0.3, imperfections=Imperfections(control_period=0.01))
+AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_period=0.01))
 
 
 @pytest.mark.parametrize("hold", [1, 10])

@@ -1,7 +1,5 @@
 """The dm_control environment of plants that are not the cart-pole."""
 
-from __future__ import annotations
-
 import pickle
 from dataclasses import replace
 
@@ -11,7 +9,6 @@ from dm_control.rl.control import Environment
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.task import controller_policy, nearness
 from tests.plants.plants import EXAMPLES, known
@@ -40,10 +37,10 @@ def scenario_of(name: str, **changes: object) -> afl.Scenario:
     return replace(scenario, **changes)
 
 
-ROUGH = Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
+ROUGH = afl.Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
 
 
-@pytest.mark.parametrize("imperfections", [Imperfections(), ROUGH], ids=["ideal", "rough"])
+@pytest.mark.parametrize("imperfections", [afl.Imperfections(), ROUGH], ids=["ideal", "rough"])
 @pytest.mark.parametrize("name", PLANTS)
 def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name, imperfections):
     scenario = scenario_of(name, imperfections=imperfections)

@@ -1,7 +1,5 @@
 """The pictures of the dm_control environment."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """No run ends as it does because of its integrator: at half the step it ends the same way."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -6,18 +6,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco import CartPoleModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.simulation.sampled.hardware import (
-    actuate,
-    actuators_of,
-    new_run,
-    no_commands,
-    normals,
-    sense,
-    sensors_of,
-    within_reach,
-)
+from afl_mujoco.simulation.sampled import hardware
 
 H = 1e-3
 T = 4e-3  # control period
@@ -25,29 +15,31 @@ T = 4e-3  # control period
 
 @pytest.fixture
 def model(odd_parameters):
-    return CartPoleModel(odd_parameters)
+    return afl.CartPoleModel(odd_parameters)
 
 
 def measured(model, imperfections, states, period=T):
     """What is measured of one state a tick, shape (N, 4)."""
     scenario = afl.Scenario(name="own", imperfections=imperfections)
-    sensors, data = sensors_of(scenario, period), model.mj_data
-    run = new_run()
+    sensors, data = hardware.sensors_of(scenario, period), model.mj_data
+    run = hardware.new_run()
     seen = []
     for tick, state in enumerate(states):
         data.qpos[:], data.qvel[:] = state[:2], state[2:]
-        sense(model.addresses, sensors, run, tick)
+        hardware.sense(model.addresses, sensors, run, tick)
         seen.append(run.measured.copy())
     return np.array(seen)
 
 
 def forces(imperfections, commands, h=H):
     """The mean force in each step under one command a step, shape (N,)."""
-    actuators, drive = drive_of(imperfections, h, len(commands)), new_run().drive[0]
-    pending = no_commands(actuators)
+    actuators, drive = drive_of(imperfections, h, len(commands)), hardware.new_run().drive[0]
+    pending = hardware.no_commands(actuators)
     return np.array(
         [
-            actuate(actuators[0], drive, pending, 0, within_reach(actuators[0], c), k, 1.0)
+            hardware.actuate(
+                actuators[0], drive, pending, 0, hardware.within_reach(actuators[0], c), k, 1.0
+            )
             for k, c in enumerate(commands)
         ]
     )
@@ -56,7 +48,7 @@ def forces(imperfections, commands, h=H):
 def drive_of(imperfections, h, steps):
     """The drive of a cart-pole without limits in its MJCF."""
     scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
-    return actuators_of(scenario, h, steps)
+    return hardware.actuators_of(scenario, h, steps)
 
 
 @pytest.fixture
@@ -75,7 +67,7 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     scales = np.array([0.01, 0.02, 0.3, 0.4])
     names = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
     noisy = IDEAL.changed({**dict(zip(names, scales.tolist(), strict=True)), "seed": 5})
-    drawn = np.array([normals(5, tick) for tick in range(len(states))])
+    drawn = np.array([hardware.normals(5, tick) for tick in range(len(states))])
     np.testing.assert_allclose(
         measured(model, noisy, states) - states, scales * drawn, rtol=0, atol=1e-14
     )
@@ -132,7 +124,9 @@ def test_the_force_limit_cuts_off_both_signs():
     assert forces(
         Imperfections(input_limit=12.5), commands,
     ).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]  # fmt: skip
-    assert math.isnan(within_reach(drive_of(Imperfections(input_limit=12.5), H, 9)[0], math.nan))
+    assert math.isnan(
+        hardware.within_reach(drive_of(Imperfections(input_limit=12.5), H, 9)[0], math.nan)
+    )
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
@@ -211,11 +205,11 @@ def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(n
 def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name, rng):
     commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
     fine = fine_chain(real, commands, 2000)
-    actuators, drive = drive_of(real, H, len(commands)), new_run().drive[0]
-    pending = no_commands(actuators)
+    actuators, drive = drive_of(real, H, len(commands)), hardware.new_run().drive[0]
+    pending = hardware.no_commands(actuators)
     for k, command in enumerate(commands):
-        command = within_reach(actuators[0], command)
-        actuate(actuators[0], drive, pending, 0, command, k, 1.0)
+        command = hardware.within_reach(actuators[0], command)
+        hardware.actuate(actuators[0], drive, pending, 0, command, k, 1.0)
     assert drive["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
     assert drive["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
     assert drive["force_variation"] == pytest.approx(
@@ -225,10 +219,10 @@ def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name,
 
 def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
     lag, n = 0.004, 50
-    actuators, drive = drive_of(Imperfections(lag=lag), H, n), new_run().drive[0]
-    pending = no_commands(actuators)
+    actuators, drive = drive_of(Imperfections(lag=lag), H, n), hardware.new_run().drive[0]
+    pending = hardware.no_commands(actuators)
     for k in range(n):
-        actuate(actuators[0], drive, pending, 0, 7.0, k, 1.0)
+        hardware.actuate(actuators[0], drive, pending, 0, 7.0, k, 1.0)
     end, gone = n * H, math.exp(-n * H / lag)
     squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
     assert drive["force_squared"] * H == pytest.approx(squared, rel=1e-12)

@@ -8,7 +8,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.names import ESTIMATED, INFORMED, NAMES
 from afl_mujoco.scenario.belief import is_error
-from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL
 
 CHANGE = 0.6
@@ -46,7 +45,7 @@ FAR = replace(NEAR, name="far", duration=1.2, schedule={
     **NEAR.schedule,
     "cart_mass": afl.staircase((CHANGE,), (3.0, 12.0)),
     "half_length": afl.staircase((CHANGE,), (1.2, 0.3)),
-}, disturbances=(ForcePulse(force=60.0, start=0.7, duration=0.1),))  # fmt: skip
+}, disturbances=(afl.ForcePulse(force=60.0, start=0.7, duration=0.1),))  # fmt: skip
 
 
 def differing(controller, mode, imperfections=IDEAL):

@@ -5,22 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    Scenario,
-    constant,
-    find_scenario,
-    piecewise_linear,
-    save_scenario,
-    simulate_mujoco,
-    staircase,
-)
+import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 
 FIGURES = (
     *("status", "end_time", "peak_z", "peak_phi", "max_command", "max_force"),
@@ -34,22 +22,22 @@ def drawn(rng, count):
     scenarios = []
     for i in range(count):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
-        imperfections = Imperfections(
+        imperfections = afl.Imperfections(
             noise={"z": rng.uniform(0, 1e-3), "phi": rng.uniform(0, 1e-2)},
             dry_friction={"z": rng.choice([0.0, 0.4])}, damping={"z": rng.choice([0.0, 0.3])},
             end_stops=[{}, {"z": 1.5}][i % 2], delay=rng.uniform(0.0, 0.02),
             tip_mass_share=rng.uniform(0.0, 0.3), seed=i,
         )  # fmt: skip
         scenarios.append(
-            Scenario(
+            afl.Scenario(
                 name=f"drawn-{i}",
                 schedule={
-                    "cart_mass": staircase((0.3,), (mass, 1.3 * mass)),
-                    "half_length": piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
+                    "cart_mass": afl.staircase((0.3,), (mass, 1.3 * mass)),
+                    "half_length": afl.piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
                 },
                 initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
                 duration=[1.0, 1.5][i % 2],
-                imperfections=imperfections if i % 3 else Imperfections(),
+                imperfections=imperfections if i % 3 else afl.Imperfections(),
             )
         )
     return scenarios
@@ -65,20 +53,20 @@ def same(one, other):
 
 
 def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptive):
-    one = run_rollouts(scenarios, adaptive, **SETTINGS)
+    one = afl.run_rollouts(scenarios, adaptive, **SETTINGS)
     for threads in (1, 2, 3):
-        assert same(run_rollouts(scenarios, adaptive, threads=threads, **SETTINGS), one)
+        assert same(afl.run_rollouts(scenarios, adaptive, threads=threads, **SETTINGS), one)
     assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
 
 
 def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
     scenarios, adaptive, tmp_path
 ):
-    many = run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
+    many = afl.run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
     for i, scenario in enumerate(scenarios):
-        save_scenario(scenario, tmp_path / "s.toml")
-        run = simulate_mujoco(
-            find_scenario(str(tmp_path / "s.toml")), adaptive, "sampled", **SETTINGS
+        afl.save_scenario(scenario, tmp_path / "s.toml")
+        run = afl.simulate_mujoco(
+            afl.find_scenario(str(tmp_path / "s.toml")), adaptive, "sampled", **SETTINGS
         )
         assert many.outcome(i) == run.outcome
         z, phi = np.abs(run.state[:, :2]).T
@@ -92,14 +80,14 @@ def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
 
 
 def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
-    wide = Scenario(name="wide", duration=15.0)
-    narrow = replace(wide, imperfections=Imperfections(end_stops={"z": 1.0}))
+    wide = afl.Scenario(name="wide", duration=15.0)
+    narrow = replace(wide, imperfections=afl.Imperfections(end_stops={"z": 1.0}))
     brief = replace(wide, duration=1.0)
-    many = run_rollouts([wide, narrow, brief], adaptive)
-    run = simulate_mujoco(wide, adaptive, "sampled")
+    many = afl.run_rollouts([wide, narrow, brief], adaptive)
+    run = afl.simulate_mujoco(wide, adaptive, "sampled")
     outside = (np.abs(run.state[:, 0]) > 0.05) | (np.abs(run.state[:, 1]) > 0.02)
     assert many.settling_time[0] == run.time[np.flatnonzero(outside)[-1] + 1]
-    hit = simulate_mujoco(narrow, adaptive, "sampled")
+    hit = afl.simulate_mujoco(narrow, adaptive, "sampled")
     assert many.stop_time[1] == hit.time[np.abs(hit.state[:, 0]) >= 1.0][0]
     assert hit.outcome.kind == "fell"
     assert np.isnan(many.stop_time[[0, 2]]).all()
@@ -108,23 +96,23 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
 
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):
     with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
-        run_rollouts(scenarios, adaptive, threads=0)
-    tiny = Scenario(name="tiny", schedule={"half_length": constant(0.001)})
+        afl.run_rollouts(scenarios, adaptive, threads=0)
+    tiny = afl.Scenario(name="tiny", schedule={"half_length": afl.constant(0.001)})
     with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
-        run_rollouts([*scenarios, tiny], CONTROLLERS["adaptive"], threads=2)
+        afl.run_rollouts([*scenarios, tiny], afl.CONTROLLERS["adaptive"], threads=2)
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
-        run_rollouts(scenarios, adaptive, timestep=0.0)
+        afl.run_rollouts(scenarios, adaptive, timestep=0.0)
 
 
 def test_requirements_are_judged_as_of_the_single_run(adaptive):
-    asked = Requirements(max={"z": 2.0, "force": 80.0}, settling_time=5.0, bands={"phi": 0.1})
-    noisy = Imperfections(noise={"phi": 1e-3}, delay=0.003)
-    with_them = Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
-    without = Scenario(name="plain", duration=6.0, imperfections=noisy)
-    many = run_rollouts([without, with_them], adaptive, **SETTINGS)
-    run = simulate_mujoco(without, adaptive, "sampled", **SETTINGS)
+    asked = afl.Requirements(max={"z": 2.0, "force": 80.0}, settling_time=5.0, bands={"phi": 0.1})
+    noisy = afl.Imperfections(noise={"phi": 1e-3}, delay=0.003)
+    with_them = afl.Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
+    without = afl.Scenario(name="plain", duration=6.0, imperfections=noisy)
+    many = afl.run_rollouts([without, with_them], adaptive, **SETTINGS)
+    run = afl.simulate_mujoco(without, adaptive, "sampled", **SETTINGS)
     assert many.requirements[0] == judge(without, run)
-    run = simulate_mujoco(with_them, adaptive, "sampled", **SETTINGS)
+    run = afl.simulate_mujoco(with_them, adaptive, "sampled", **SETTINGS)
     assert many.requirements[1] == judge(with_them, run)
     assert [one.requirement for one in many.requirements[1] if not one.met]
     assert many.peak_z[0] == many.peak_z[1]

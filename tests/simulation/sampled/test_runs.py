@@ -6,16 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    CartPoleModel,
-    Scenario,
-    find_scenario,
-    piecewise_linear,
-    save_scenario,
-    simulate_mujoco,
-    staircase,
-)
+import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.disturbances import ForcePulse
@@ -52,7 +43,7 @@ def in_python(controller):
 
 def plain_loop(scenario, controller, hold, integrator):
     """States and forces of the ideal loop, written with nothing but MuJoCo's own functions."""
-    model = CartPoleModel(scenario.parameters_at(0.0), timestep=1e-3, integrator=integrator)
+    model = afl.CartPoleModel(scenario.parameters_at(0.0), timestep=1e-3, integrator=integrator)
     m, d = model.mj_model, model.mj_data
     count = round(scenario.duration / 1e-3)
     d.qpos[:], d.qvel[:] = scenario.initial_state[:2], scenario.initial_state[2:]
@@ -106,18 +97,18 @@ def impulse_in(scenario, k):
 ])  # fmt: skip
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, integrator):
     controller, settings = (
-        CONTROLLERS[name],
+        afl.CONTROLLERS[name],
         {"integrator": integrator, "control_period": hold * 1e-3},
     )
-    run = simulate_mujoco(odd_scenario, controller, "sampled", **settings)
+    run = afl.simulate_mujoco(odd_scenario, controller, "sampled", **settings)
     rows = plain_loop(odd_scenario, controller, hold, integrator)
     np.testing.assert_allclose(run.state, rows[:, :4], rtol=0, atol=1e-12)
     np.testing.assert_allclose(run.force, rows[:, 4], rtol=1e-11)
     assert (run.command == run.force).all()
 
 
-RAMP = piecewise_linear((0.0, 0.8), (0.6, 1.1))
-BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
+RAMP = afl.piecewise_linear((0.0, 0.8), (0.6, 1.1))
+BEYOND = afl.piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 
 
 @pytest.mark.parametrize(
@@ -136,8 +127,8 @@ BEYOND = piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
     schedule = odd_scenario.schedule | changes.get("schedule", {})
     scenario = replace(odd_scenario, **changes | {"schedule": schedule})
-    controller = CONTROLLERS[name]
-    run = simulate_mujoco(scenario, controller, "sampled")
+    controller = afl.CONTROLLERS[name]
+    run = afl.simulate_mujoco(scenario, controller, "sampled")
     try:
         rows = plain_loop(scenario, controller, 1, "RK4")
     except ControllerDomainError:  # where the pole has fallen
@@ -156,8 +147,8 @@ def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
     odd_scenario, controller, imperfections
 ):
     scenario = replace(odd_scenario, imperfections=imperfections)
-    compiled = simulate_mujoco(scenario, controller, "sampled")
-    assert same(simulate_mujoco(scenario, in_python(controller), "sampled"), compiled)
+    compiled = afl.simulate_mujoco(scenario, controller, "sampled")
+    assert same(afl.simulate_mujoco(scenario, in_python(controller), "sampled"), compiled)
     assert compiled.outcome.kind == "completed"
 
 
@@ -165,11 +156,11 @@ def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
 
 
 def test_assumed_parameters_can_be_late_and_wrong():
-    scenario = Scenario(
+    scenario = afl.Scenario(
         name="late",
         schedule={
-            "cart_mass": staircase((0.05,), (1.0, 2.0)),
-            "half_length": piecewise_linear((0.0, 0.1), (0.4, 0.5)),
+            "cart_mass": afl.staircase((0.05,), (1.0, 2.0)),
+            "half_length": afl.piecewise_linear((0.0, 0.1), (0.4, 0.5)),
         },
         duration=0.2,
         imperfections=Imperfections(parameter_delay=0.03),
@@ -181,7 +172,7 @@ def test_assumed_parameters_can_be_late_and_wrong():
         seen.append(belief)
         return 0.0
 
-    simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
+    afl.simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     assumed_mass = [b.cart_mass for b in seen]
     assert assumed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
     late = np.clip(0.001 * np.arange(200) - 0.03, 0.0, 0.1)
@@ -199,29 +190,31 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
         seen.append(belief.cart_mass)
         return 0.0
 
-    scenario = Scenario(name="late", schedule={
-        "cart_mass": staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)]),
-    }, duration=0.3, imperfections=Imperfections(parameter_delay=1e-3 * late))  # fmt: skip
-    simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
+    mass = afl.staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)])
+    hardware = Imperfections(parameter_delay=1e-3 * late)
+    scenario = afl.Scenario(
+        name="late", schedule={"cart_mass": mass}, duration=0.3, imperfections=hardware
+    )
+    afl.simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
 
 def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive):
     held = replace(odd_scenario, imperfections=Imperfections(control_period=0.005))
-    run = simulate_mujoco(held, adaptive, "sampled")
-    by_hand = simulate_mujoco(odd_scenario, adaptive, "sampled", control_period=0.005)
+    run = afl.simulate_mujoco(held, adaptive, "sampled")
+    by_hand = afl.simulate_mujoco(odd_scenario, adaptive, "sampled", control_period=0.005)
     assert (run.state == by_hand.state).all()
     assert run.provenance["settings"]["control_period"] == 0.005
-    assert same(simulate_mujoco(held, adaptive, "sampled", control_period=0.005), run)
+    assert same(afl.simulate_mujoco(held, adaptive, "sampled", control_period=0.005), run)
     with pytest.raises(InvalidValueError) as caught:
-        simulate_mujoco(held, adaptive, "sampled", control_period=0.002)
+        afl.simulate_mujoco(held, adaptive, "sampled", control_period=0.002)
     assert str(caught.value) == (
         "control_period must be that of scenario 'odd', 0.005 s, got 0.002"
     )
     half = replace(odd_scenario, imperfections=Imperfections(control_period=0.0005))
-    assert simulate_mujoco(half, adaptive).provenance["settings"]["timestep"] == 0.0005
+    assert afl.simulate_mujoco(half, adaptive).provenance["settings"]["timestep"] == 0.0005
     with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide control_period"):
-        simulate_mujoco(half, adaptive, timestep=1e-3)
+        afl.simulate_mujoco(half, adaptive, timestep=1e-3)
 
 
 # Repeatable
@@ -229,19 +222,19 @@ def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive
 
 def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, adaptive, tmp_path):
     scenario = replace(odd_scenario, imperfections=REAL)
-    run = simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler")
-    assert same(simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler"), run)
-    save_scenario(scenario, tmp_path / "failure.toml")
-    again = find_scenario(str(tmp_path / "failure.toml"))
-    assert same(simulate_mujoco(again, adaptive, "sampled", integrator="Euler"), run)
+    run = afl.simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler")
+    assert same(afl.simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler"), run)
+    afl.save_scenario(scenario, tmp_path / "failure.toml")
+    again = afl.find_scenario(str(tmp_path / "failure.toml"))
+    assert same(afl.simulate_mujoco(again, adaptive, "sampled", integrator="Euler"), run)
     other = replace(scenario, imperfections=replace(REAL, seed=8))
-    assert not same(simulate_mujoco(other, adaptive, "sampled", integrator="Euler"), run)
+    assert not same(afl.simulate_mujoco(other, adaptive, "sampled", integrator="Euler"), run)
 
 
 def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, adaptive):
     scenario = replace(odd_scenario, imperfections=REAL)
     fresh, used = (
-        CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
+        afl.CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
         for _ in range(2)
     )
     data = used.mj_data
