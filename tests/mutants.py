@@ -98,7 +98,7 @@ LATE = (
     *("tests/studies/test_thresholds.py", "tests/simulation/test_gym_env.py"),
     *("tests/studies/test_margins.py", "tests/simulation/test_task.py"),
     *("tests/studies/test_montecarlo.py", "tests/studies/test_robustness.py"),
-    *("tests/simulation/test_task_pictures.py", "tests/simulation/test_graphics.py"),
+    "tests/simulation/test_graphics.py",
 )
 """Tests that take longest; they run last."""
 

@@ -1,6 +1,9 @@
-"""Gains, the gain function (G1), and what each controller assumes."""
+"""Gains, the gain function (G1), what each controller assumes, what tells one from another."""
 
+import dataclasses
+import importlib
 import math
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,9 +11,11 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control import names
+from afl_mujoco.control.catalogue import digests
 from afl_mujoco.control.names import INFORMED, subject_of
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.parameters import PlantRange
+from tests.messages import line
 
 # Table 2 of the paper, typed in by hand.
 TABLE_2 = {
@@ -46,17 +51,13 @@ def test_the_gain_function_is_g1(name, mass, half_length):
     assert getattr(gains, name) == pytest.approx(expected, rel=1e-12)  # rounding of a power
 
 
-@pytest.mark.parametrize(
-    "name", ["fixed", "adaptive", "lqr", "pole-placement", "partial-linearization"]
-)
+@pytest.mark.parametrize("name", ["fixed", "adaptive", *names.BASELINES])
 def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     state, nominal = (0.2, -0.5, 0.1, 0.3), f"{name}-nominal"
-    controller = afl.CONTROLLERS.get(nominal) or replace(
-        afl.CONTROLLERS[name], belief=afl.CartPoleParameters()
-    )
-    seen = afl.CONTROLLERS[name].force(state, afl.CartPoleParameters())
-    assert controller.force(state, odd_parameters) == seen
-    assert afl.CONTROLLERS[name].force(state, odd_parameters) != seen
+    told, p = afl.CONTROLLERS[name], afl.CartPoleParameters()
+    controller = afl.CONTROLLERS.get(nominal) or replace(told, belief=p)
+    assert controller.force(state, odd_parameters) == told.force(state, p)
+    assert told.force(state, odd_parameters) != told.force(state, p)
     inputs = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
     np.testing.assert_array_equal(inputs[0], inputs[1])
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
@@ -72,15 +73,12 @@ def test_a_true_belief_passes_everything_on(adaptive):
 
 
 def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
-    falling = afl.GainFunction(
-        switching=(110, 0, 0, 0, 0), slope=(1.0, -1.0, 1.0, 0, 0), boundary_layer=(99, 0, 0, 0, 0)
-    )
+    rows = ((110, 0, 0, 0, 0), (1.0, -1.0, 1.0, 0, 0), (99, 0, 0, 0, 0))
+    falling = afl.GainFunction(**dict(zip(NAMES, rows, strict=True)))
     controller = afl.AFLController(name="falling", gain_function=falling)
-    with pytest.raises(InvalidValueError) as caught:
+    said = line("slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1")
+    with pytest.raises(InvalidValueError, match=said):
         controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
-    assert str(caught.value) == (
-        "slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1"
-    )
     with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
         falling.gains(2.0, 0.3)
 
@@ -94,15 +92,11 @@ def test_a_gain_function_needs_five_finite_coefficients():
 
 
 def test_unknown_names_are_answered_with_the_valid_ones():
-    with pytest.raises(UnknownNameError) as caught:
-        afl.find_controller("adaptiv")
     estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
-    names = (
-        ", ".join(afl.CONTROLLERS)
-        + f", ({estimable}partial-linearization)-estimated, module:attribute"
-    )
-    near = "did you mean adaptive or adaptive-held?"
-    assert str(caught.value) == f"controller must be one of {names}, got 'adaptiv'; {near}"
+    named = (*afl.CONTROLLERS, f"({estimable}partial-linearization)-estimated, module:attribute")
+    said = f"{', '.join(named)}, got 'adaptiv'; did you mean adaptive or adaptive-held?"
+    with pytest.raises(UnknownNameError, match=line(f"controller must be one of {said}")):
+        afl.find_controller("adaptiv")
 
 
 @pytest.mark.parametrize("name", [n for n in afl.CONTROLLERS if n in INFORMED])
@@ -119,23 +113,18 @@ def test_a_controller_that_assumes_a_nominal_plant_or_is_none_has_no_such_twin(n
 
 
 def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_parameters):
-    from afl_mujoco import sliding_variable
-
     p = odd_parameters
     gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
-    inputs = adaptive.inputs_along_run(
-        np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
-    )
-    expected = sliding_variable(random_states, p, gains) / gains.boundary_layer
-    np.testing.assert_allclose(
-        adaptive.saturation_ratio(random_states, inputs), expected, rtol=1e-12, atol=1e-12
-    )
+    plants = np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
+    inputs = adaptive.inputs_along_run(*plants)
+    expected = afl.sliding_variable(random_states, p, gains) / gains.boundary_layer
+    found = adaptive.saturation_ratio(random_states, inputs)
+    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
 def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None:
-    with pytest.raises(
-        InvalidValueError, match=r"did you mean my_pid:Observer\?\), got my_pid.Observer"
-    ):
+    said = r"did you mean my_pid:Observer\?\), got my_pid.Observer"
+    with pytest.raises(InvalidValueError, match=said):
         afl.find_controller("my_pid.Observer")
 
 
@@ -159,3 +148,37 @@ def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
 ], ids=str)  # fmt: skip
 def test_findings_are_about_the_users_own_controller_else_the_papers(names, subject) -> None:
     assert subject_of(names) == subject
+
+
+LAW = "def mine(time, state, belief):\n    return {gain} * state[1]\n"
+
+
+def test_a_digest_changes_with_any_value_of_a_scenario_and_with_nothing_else() -> None:
+    one = afl.Scenario(name="rig", initial_state=(0.0, 0.1, 0.0, 0.0))
+    changes = (
+        {"duration": 9.0},
+        {"schedule": {"cart_mass": 2.0}},
+        {"imperfections": afl.Imperfections(delay=0.01)},
+        {"requirements": afl.Requirements(max={"z": 1.0})},
+        {"disturbances": (afl.Impulse(momentum=1.0, time=1.0),)},
+    )
+    found = [digests([dataclasses.replace(one, **change)], []) for change in ({}, *changes)]
+    assert {name for digest in found for name in digest} == {"scenario rig"}
+    assert len({digest["scenario rig"] for digest in found}) == len(found)
+    assert digests([dataclasses.replace(one)], []) == found[0]
+
+
+def test_a_digest_changes_with_the_file_of_a_controller(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    found = []
+    for gain in (-40, -40, -50):
+        (tmp_path / "digested_law.py").write_text(LAW.format(gain=gain))
+        sys.modules.pop("digested_law", None)
+        importlib.invalidate_caches()
+        names = ("digested_law:mine", "lqr", "lqr-estimated")
+        found.append(digests([], [afl.find_controller(name) for name in names]))
+    first, again, edited = found
+    mine = "controller digested_law.mine"
+    assert list(first) == [mine, "controller lqr", "controller lqr-estimated"] and again == first
+    assert [name for name in first if edited[name] != first[name]] == [mine]

@@ -1,14 +1,16 @@
-"""The control law (L8)-(L10): formula, symmetry, domain; one value from compiled and NumPy code."""
+"""The control law: (L1)-(L7) against Lie derivatives by sympy, (L8)-(L10), symmetry, domain."""
 
 import math
 
 import numpy as np
 import pytest
+import sympy as sp
 
-from afl_mujoco import Gains, control_force, sliding_variable
+from afl_mujoco import Gains, acceleration, control_force, sliding_variable
 from afl_mujoco.control import law as fl
 from afl_mujoco.control.law import commanded_acceleration
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
+from tests.messages import line
 
 GAINS = Gains(switching=87.0, slope=1.7, boundary_layer=63.0)
 OUTSIDE = [0.5 * math.pi, -0.5 * math.pi, 1.6, -3.0, math.nan, math.inf]
@@ -31,10 +33,8 @@ def test_the_sliding_variable_is_l8(random_states, odd_parameters):
     actual = sliding_variable(random_states, odd_parameters, GAINS)
     beyond = np.abs(actual) > GAINS.boundary_layer
     assert beyond.any() and not beyond.all()  # both sides of the saturation
-    np.testing.assert_array_less(
-        np.abs(actual - terms.sum(axis=0)),
-        1e-14 * np.abs(terms).sum(axis=0),  # rounding
-    )
+    rounding = 1e-14 * np.abs(terms).sum(axis=0)
+    np.testing.assert_array_less(np.abs(actual - terms.sum(axis=0)), rounding)
 
 
 def test_the_force_is_l9_and_l10_put_into_l1(random_states, odd_parameters):
@@ -44,9 +44,8 @@ def test_the_force_is_l9_and_l10_put_into_l1(random_states, odd_parameters):
     drift = alpha + 3 * lam * x4 + 3 * lam**2 * x3 + lam**3 * x2
     u = -drift / beta + GAINS.switching * np.clip(s / GAINS.boundary_layer, -1, 1)
     _, phi, _, phi_dot = random_states.T
-    expected = fl.linearizing_force(
-        u, phi, phi_dot, p.cart_mass, p.pole_mass, p.half_length, p.gravity
-    )
+    plant = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    expected = fl.linearizing_force(u, phi, phi_dot, *plant)
     # the largest term of u is of order 1e4 here
     actual = control_force(random_states, p, GAINS)
     np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12)
@@ -59,10 +58,6 @@ def test_the_surface_attracts(surface):
     rate = drift + b * u  # s' = a + b u
     assert rate * surface < 0.0
     assert rate == pytest.approx(b * 87.0 * np.clip(surface / 63.0, -1, 1), rel=1e-13)
-
-
-def test_upright_at_rest_at_the_origin_needs_no_force(odd_parameters):
-    assert control_force(np.zeros(4), odd_parameters, GAINS) == 0.0
 
 
 @pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
@@ -79,10 +74,9 @@ def test_outside_its_domain_the_control_law_is_an_error_that_names_the_angle(
     function, phi, odd_parameters
 ):
     states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
-    with pytest.raises(ControllerDomainError) as caught:
+    expected = line(f"pole angle phi must lie inside (-pi/2, pi/2), got {phi:g} rad")
+    with pytest.raises(ControllerDomainError, match=expected):
         function(states, odd_parameters, GAINS)
-    expected = f"pole angle phi must lie inside (-pi/2, pi/2), got {phi:g} rad"
-    assert str(caught.value) == expected
 
 
 def test_a_force_has_the_shape_of_the_states(odd_parameters):
@@ -95,3 +89,64 @@ def test_a_force_has_the_shape_of_the_states(odd_parameters):
 def test_a_gain_that_is_not_positive_is_refused(name, value):
     with pytest.raises(InvalidValueError, match=f"^{name} must be"):
         Gains(**{"switching": 1.0, "slope": 1.0, "boundary_layer": 1.0, name: value})
+
+
+RELATIVE = 1e-12  # the limit of A9
+
+z, phi, z_dot, phi_dot, u = sp.symbols("z phi z_dot phi_dot u", real=True)
+length, g = sp.symbols("l g", positive=True)
+STATE = (z, phi, z_dot, phi_dot)
+
+
+def _rate(expression):
+    """Differentiate along z'' = u, phi'' = 3/(4l) (g sin phi + u cos phi)."""
+    pole = 3 / (4 * length) * (g * sp.sin(phi) + u * sp.cos(phi))
+    flow = (z_dot, phi_dot, u, pole)
+    return sum(expression.diff(x) * f for x, f in zip(STATE, flow, strict=True))
+
+
+def _split(expression):
+    """Return what does not carry u, and the factor of u."""
+    drift = expression.subs(u, 0)
+    factor = expression.diff(u)
+    assert sp.simplify(factor.diff(u)) == 0
+    return sp.simplify(drift), sp.simplify(factor)
+
+
+@pytest.fixture(scope="module")
+def derived():
+    """The coordinates from xi1 alone: each the drift of the one before."""
+    xi1 = z - 4 * length / 3 * sp.log((1 + sp.sin(phi)) / sp.cos(phi))
+    xi2, none2 = _split(_rate(xi1))
+    xi3, none3 = _split(_rate(xi2))
+    xi4, dropped = _split(_rate(xi3))
+    alpha, beta = _split(_rate(xi4))
+    assert none2 == none3 == sp.simplify(dropped + 2 * phi_dot * sp.tan(phi)) == 0  # as the paper
+    return {"xi1": xi1, "xi2": xi2, "xi3": xi3, "xi4": xi4, "alpha": alpha, "beta": beta}
+
+
+def test_the_code_computes_the_lie_derivatives(derived, random_states, odd_parameters):
+    p, (s0, s1, s2, s3) = odd_parameters, random_states.T
+    half, gravity = p.half_length, p.gravity
+    found = {
+        "xi1": fl.xi1(s0, s1, half),
+        "xi2": fl.xi2(s2, s1, s3, half),
+        **{name: getattr(fl, name)(s1, s3, half, gravity) for name in [*derived][2:]},
+    }
+    for name, actual in found.items():
+        exact = sp.lambdify((STATE, length, g), derived[name], "mpmath")  # no overflow
+        expected = [float(exact(state, half, gravity)) for state in random_states.tolist()]
+        scale = np.abs(expected).max() * 1e-3  # where terms cancel, relative to the terms
+        np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * scale)
+
+
+def test_with_l1_the_plant_becomes_the_reduced_system(random_states, odd_parameters, rng):
+    p = odd_parameters
+    command = rng.uniform(-50, 50, len(random_states))
+    _, angle, _, rate = random_states.T
+    plant = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    force = fl.linearizing_force(command, angle, rate, *plant)
+    pole = 3 / (4 * p.half_length) * (p.gravity * np.sin(angle) + command * np.cos(angle))
+    expected = np.stack([command, pole], axis=-1)
+    actual = acceleration(random_states, force, p)
+    np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * 50)  # of |u|
