@@ -7,6 +7,7 @@ import tomli_w
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification.description import load_description, to_table
 from afl_mujoco.identification.prediction import DESCRIPTION
+from tests.messages import line
 
 GOOD = """
 name = "mine"
@@ -52,7 +53,5 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
 ])  # fmt: skip
 def test_what_breaks_a_rule_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:
     (tmp_path / "rig.toml").write_text(GOOD.replace(before, after))
-    with pytest.raises(AflMujocoError) as error:
+    with pytest.raises(AflMujocoError, match=line(..., "rig.toml", ..., message, ...)):
         load_description(tmp_path / "rig.toml")
-    assert message in str(error.value) and "rig.toml" in str(error.value)
-    assert "\n" not in str(error.value)

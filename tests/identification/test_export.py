@@ -1,9 +1,20 @@
+"""What is identified as a scenario and draws; runs written as logs."""
+
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from afl_mujoco.identification.export import TILT, draws, scenario_of
+import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller, find_controller
+from afl_mujoco.identification.description import load_description
+from afl_mujoco.identification.export import TILT, draws, require_loggable, scenario_of, write_run
+from afl_mujoco.identification.identify import identify
+from afl_mujoco.identification.log import read_log
 from afl_mujoco.identification.prediction import load_estimates
 from afl_mujoco.scenario.files import load_scenario, save_scenario
+from tests.synthetic_logs import RIG
 
 
 def test_the_scenario_is_the_cart_pole_that_was_identified(tmp_path) -> None:
@@ -36,3 +47,76 @@ def test_draws_scatter_as_the_estimates_do_together() -> None:
     assert 0.9 * TILT < max(tilts) <= TILT
     assert draws(one, 3, 3) == draws(one, 3, 3)
     assert draws(one, 3, 3) != draws(one, 3, 4)
+
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+
+
+class Lead:
+    def __init__(self) -> None:
+        self.before = 0.0
+
+    def __call__(self, time, state, belief):
+        lean, self.before = state[1] - self.before, state[1]
+        return 0.7 * state[0] + 1.8 * state[2] - 38.0 * state[1] - 7.0 * state[3] - 20.0 * lean
+
+
+def logged(folder: Path, scenario: afl.Scenario, controller):
+    run = afl.simulate_mujoco(scenario, controller, "sampled")
+    files = write_run(scenario, run, folder, "rig")
+    description = load_description(files[1])
+    return run, read_log(files[0], description), description
+
+
+@pytest.mark.parametrize(("controller", "until"), [("lqr", 6.0), (Lead, 2.0)])
+def test_commands_are_those_of_the_run_before_the_drive(tmp_path: Path, controller, until) -> None:
+    scenario = replace(RIG, imperfections=replace(RIG.imperfections, delay=0.0), duration=until)
+    run, log, _ = logged(tmp_path, scenario, as_controller(controller))
+    assert log.command == pytest.approx(run.force[: len(log.command) * 10 : 10], rel=1e-8)
+
+
+def test_readings_are_those_of_the_sensors(tmp_path: Path) -> None:
+    run, log, _ = logged(tmp_path, RIG, find_controller("lqr"))
+    states = run.state[: len(log.z) * 10 : 10]
+    assert np.abs(log.z - states[:, 0]).max() <= 0.5001e-4
+    off = log.phi - states[:, 1]
+    assert 4e-4 < off.std() < 1e-3
+    assert np.abs(log.phi / 1.5e-3 - np.rint(log.phi / 1.5e-3)).max() < 1e-4
+
+
+@pytest.mark.slow
+def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> None:
+    _, log, description = logged(tmp_path, RIG, find_controller("lqr"))
+    found = identify([log], description)
+    assert found.find("coupling").value == pytest.approx(1.0, abs=0.03)
+    assert found.find("decay").value == pytest.approx(2.0 / 1.1, rel=0.01)
+    late = found.find("delay").value + found.find("lag").value  # one log does not tell them apart
+    assert late == pytest.approx(0.004, abs=5e-4)
+    assert found.find("delay").low <= 0.004 <= found.find("delay").high
+    assert found.find("gravity_term").low <= 0.75 * 9.81 / 0.3 <= found.find("gravity_term").high
+
+
+def test_what_cannot_be_a_log_is_refused() -> None:
+    for scenario, name, mode, said in (
+        (RIG, "lqr", "exact", "simulator must be sampled for a log, got 'exact'"),
+        (afl.SCENARIOS["step-step"], "lqr", "sampled", "scenario of a log must keep M and l const"),
+        (RIG, "adaptive-estimated", "sampled", "controller of a log must not use the estimator"),
+    ):
+        with pytest.raises(afl.AflMujocoError, match=said):
+            require_loggable(scenario, find_controller(name), mode)
+
+
+def test_any_plant_is_logged_by_its_names(tmp_path: Path) -> None:
+    scenario = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
+    asked = afl.Requirements(target={"z": 1.0})
+    scenario = replace(scenario, duration=1.0, disturbances=(), schedule={}, requirements=asked)
+    require_loggable(scenario, find_controller("lqr"), "sampled")
+    run = afl.simulate_mujoco(scenario, "lqr")
+    (path,) = write_run(scenario, run, tmp_path, "flight")
+    with path.open() as file:
+        assert next(file).split() == ["time,x,z,pitch,cable,left,right"]
+        rows = np.loadtxt(file, delimiter=",")
+    np.testing.assert_allclose(rows[:, 0], 0.005 * np.arange(200), rtol=1e-8)
+    noise = rows[:, 1:5] - run.state[:-1:5, :4]
+    assert np.abs(noise[:, [0, 1, 3]]).max() < 1e-8 and 5e-4 < noise[:, 2].std() < 2e-3
+    assert rows[:, 5:].max() == 12.0 < run.command.max()

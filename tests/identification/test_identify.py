@@ -21,6 +21,11 @@ def logs():
     return [log_of(f"log-{i}", swing(TRUTH, i, 3.0), TRUTH.description) for i in range(8)]
 
 
+def assert_found(found, *names):
+    for name in names:
+        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+
+
 @pytest.mark.slow
 def test_known_parameters_are_found_within_their_intervals(logs, tmp_path) -> None:
     found = identify(logs, TRUTH.description, workers=2)
@@ -28,8 +33,7 @@ def test_known_parameters_are_found_within_their_intervals(logs, tmp_path) -> No
     assert read_json(tmp_path / "estimates.json", Identified, "are none") == found
     held = {n: found.find(n).low <= x <= found.find(n).high for n, x in TRUTH.expected.items()}
     assert sum(held.values()) >= len(held) - 1, held
-    for name in ("gravity_term", "coupling", "gain", "decay", "mass_ratio"):
-        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    assert_found(found, "gravity_term", "coupling", "gain", "decay", "mass_ratio")
     for name in ("half_length", "cart_mass", "force", "rail_damping"):
         one = found.find(name)
         assert one.value == pytest.approx(getattr(TRUTH, name), rel=0.02)
@@ -48,33 +52,28 @@ def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
     still = [replace(log, command=np.zeros_like(log.command)) for log in logs[:3]]
     found = identify(still, TRUTH.description)
     assert found.drive is None and found.physical == ()
-    assert found.find("gravity_term").value == pytest.approx(
-        TRUTH.expected["gravity_term"], rel=0.01
-    )
+    assert_found(found, "gravity_term")
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("rad", 180.0 / np.pi), ("deg", np.pi / 180.0)])
 def test_gravity_tells_degrees_from_radians(unit: str, factor: float) -> None:
     d = TRUTH.description
     wrong = replace(d, phi=replace(d.phi, unit=unit, resolution=0.0))
-    columns = [swing(TRUTH, i) for i in range(3)]
     logs = []
-    for i, one in enumerate(columns):
+    for i in range(3):
+        one = swing(TRUTH, i)
         turned = {**one, "phi": factor * one["phi"] if unit == "rad" else one["phi"]}
         logs.append(log_of(f"log-{i}", turned, wrong))
-    with pytest.raises(AflMujocoError) as error:
-        require_radians(logs, wrong)
     other = "deg" if unit == "rad" else "rad"
-    assert f"unit of phi must be '{other}' according to gravity" in str(error.value)
+    with pytest.raises(AflMujocoError, match=f"unit of phi must be '{other}' according to gravity"):
+        require_radians(logs, wrong)
 
 
 def test_a_position_in_the_wrong_unit_is_named(logs) -> None:
     wrong = [replace(log, z=1e-3 * log.z) for log in logs[:3]]
-    with pytest.raises(AflMujocoError) as error:
+    said = "coupling k must be near the expected value for a pole; check the units"
+    with pytest.raises(AflMujocoError, match=said):
         identify(wrong, TRUTH.description)
-    assert "coupling k must be near the expected value for a pole; check the units" in str(
-        error.value
-    )
 
 
 def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
@@ -125,8 +124,7 @@ def test_missing_rows_do_not_mislead() -> None:
         kept = np.delete(np.arange(150), slice(60 + 10 * i, 80 + 10 * i))  # 0.4 s
         some.append(log_of(f"gap-{i}", {k: v[kept] for k, v in columns.items()}, d))
     found = identify(some, d, workers=2)
-    for name in ("gravity_term", "coupling", "gain", "decay"):
-        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    assert_found(found, "gravity_term", "coupling", "gain", "decay")
     assert found.find("delay").value == pytest.approx(TRUTH.delay, abs=5e-4)
 
 
@@ -135,8 +133,7 @@ def test_a_log_of_five_hundred_rows_a_second() -> None:
     d = replace(TRUTH.description, period=0.002)
     logs = [log_of("fast", swing(TRUTH, 0, 3.0, 0.002), d)]
     found = identify(logs, d, workers=2)
-    for name in ("gravity_term", "coupling", "gain", "decay"):
-        assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+    assert_found(found, "gravity_term", "coupling", "gain", "decay")
     for name in ("skew", "delay"):
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], abs=5e-4), name
     shown = beside(found, logs[0])

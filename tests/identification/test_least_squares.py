@@ -21,16 +21,28 @@ def decays(rng: np.random.Generator, windows: int, rate: float = 2.0, noise: flo
     return amplitudes * np.exp(-rate * T) + noise * rng.normal(size=(windows, len(T)))
 
 
-def test_a_shared_rate_and_the_windows_own_amplitudes() -> None:
-    data = decays(np.random.default_rng(0), 60)
+def fitted(data, parameters, groups=None):
+    """The rates, whose sum acts, and the windows' own amplitudes, by plain least squares."""
+    groups = np.arange(len(data)) if groups is None else groups
 
     def residuals(shared, starts):
-        return (starts * np.exp(-shared[0] * T) - data) / 0.01
+        return (starts * np.exp(-shared.sum() * T) - data) / 0.01
 
-    found = fit(
-        residuals, [parameter("rate", 1.0)], np.ones((60, 1)), np.repeat(np.arange(12), 5),
-        start_scale=np.ones(1),
-    )  # fmt: skip
+    return fit(residuals, parameters, np.ones((len(data), 1)), groups, start_scale=np.ones(1))
+
+
+def fitted_to_scatter(data, parameters, mask=None, known=0.0):
+    def errors(shared, starts):
+        return (starts * np.exp(-(shared.sum() + known) * T) - data)[:, None]
+
+    mask = np.ones((len(data), 1, len(T))) if mask is None else mask
+    own = np.ones((len(data), 1)), np.arange(len(data))
+    return fit_to_scatter(errors, mask, parameters, *own, start_scale=np.ones(1))
+
+
+def test_a_shared_rate_and_the_windows_own_amplitudes() -> None:
+    data = decays(np.random.default_rng(0), 60)
+    found = fitted(data, [parameter("rate", 1.0)], np.repeat(np.arange(12), 5))
     assert found.by_name["rate"] == pytest.approx(2.0, abs=3.0 * found.errors[0])
     assert found.degrees == 11
 
@@ -39,14 +51,7 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
     held = []
     for seed in range(120):
         data = decays(np.random.default_rng(seed), 24)
-
-        def residuals(shared, starts, data=data):
-            return (starts * np.exp(-shared[0] * T) - data) / 0.01
-
-        found = fit(
-            residuals, [parameter("rate", 1.8)], np.ones((24, 1)), np.repeat(np.arange(12), 2),
-            start_scale=np.ones(1),
-        )  # fmt: skip
+        found = fitted(data, [parameter("rate", 1.8)], np.repeat(np.arange(12), 2))
         held.append(abs(found.values[0] - 2.0) <= found.half_widths[0])
     assert 0.88 <= np.mean(held) <= 0.99
 
@@ -54,14 +59,7 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
 def test_a_few_wild_readings_do_not_move_the_estimate() -> None:
     data = decays(np.random.default_rng(1), 60)
     data[::7, 3] += 5.0
-
-    def errors(shared, starts):
-        return (starts * np.exp(-shared[0] * T) - data)[:, None]
-
-    found = fit_to_scatter(
-        errors, np.ones((60, 1, len(T))), [parameter("rate", 1.0)], np.ones((60, 1)),
-        np.arange(60), start_scale=np.ones(1),
-    )  # fmt: skip
+    found = fitted_to_scatter(data, [parameter("rate", 1.0)])
     assert found.by_name["rate"] == pytest.approx(2.0, abs=0.05)
     assert found.scatter == pytest.approx([0.01], rel=0.25)
 
@@ -71,27 +69,12 @@ def test_masked_readings_say_nothing() -> None:
     mask = np.ones((40, 1, len(T)))
     mask[:, 0, 4:] = 0.0
     data[:, 4:] = 1e6
-
-    def errors(shared, starts):
-        return (starts * np.exp(-shared[0] * T) - data)[:, None]
-
-    found = fit_to_scatter(
-        errors, mask, [parameter("rate", 1.0)], np.ones((40, 1)), np.arange(40),
-        start_scale=np.ones(1),
-    )  # fmt: skip
+    found = fitted_to_scatter(data, [parameter("rate", 1.0)], mask)
     assert found.by_name["rate"] == pytest.approx(2.0, abs=4.0 * found.errors[0])
 
 
 def test_a_bound_is_met_exactly_and_has_no_interval() -> None:
-    data = decays(np.random.default_rng(3), 30)
-
-    def residuals(shared, starts):
-        return (starts * np.exp(-shared[0] * T) - data) / 0.01
-
-    found = fit(
-        residuals, [parameter("rate", 1.0, high=1.5)], np.ones((30, 1)), np.arange(30),
-        start_scale=np.ones(1),
-    )  # fmt: skip
+    found = fitted(decays(np.random.default_rng(3), 30), [parameter("rate", 1.0, high=1.5)])
     assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
 
 
@@ -111,24 +94,16 @@ def test_two_that_only_act_together_are_correlated() -> None:
 
 def test_what_was_taken_as_known_widens_the_interval() -> None:
     data = decays(np.random.default_rng(5), 40)
-    first = fit(
-        lambda shared, own: (own * np.exp(-shared[0] * T) - data) / 0.01,
-        [parameter("rate", 1.0)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
-    )  # fmt: skip
+    first = fitted(data, [parameter("rate", 1.0)])
+    second = fitted_to_scatter(data, [parameter("rest", 0.1)], known=first.values.sum())
 
     def errors(values, own):
         return (own * np.exp(-values.sum() * T) - data)[:, None]
 
-    second = fit_to_scatter(
-        lambda shared, own: errors(np.append(shared, first.values), own), np.ones((40, 1, len(T))),
-        [parameter("rest", 0.1)], np.ones((40, 1)), np.arange(40), start_scale=np.ones(1),
-    )  # fmt: skip
-    whole = with_uncertainty_of(
-        errors, np.ones((40, 1, len(T))), second, first, start_scale=np.ones(1)
-    )
-    assert whole.covariance[0, 0] == pytest.approx(
-        second.covariance[0, 0] + first.covariance[0, 0], rel=1e-3
-    )
+    every = np.ones((40, 1, len(T)))
+    whole = with_uncertainty_of(errors, every, second, first, start_scale=np.ones(1))
+    expected = second.covariance[0, 0] + first.covariance[0, 0]
+    assert whole.covariance[0, 0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_starts_alone() -> None:

@@ -9,10 +9,8 @@ from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
 D = TRUTH.description
-VALUES = {
-    **TRUTH.expected, "friction": 0.0, "compliance": 0.0, "dry_deceleration": 0.0, "lag": 0.0,
-    "bias": 0.0, "angle_scale": 1.0,
-}  # fmt: skip
+NONE = ("friction", "compliance", "dry_deceleration", "lag", "bias")
+VALUES = {**TRUTH.expected, **dict.fromkeys(NONE, 0.0), "angle_scale": 1.0}
 SCATTER = (TRUTH.position_count, TRUTH.count)
 
 
@@ -50,10 +48,7 @@ def test_nothing_of_what_is_predicted_is_fitted(starts) -> None:
     spoilt.phi[:, starts.past :] += 0.5
     spoilt.z[:, starts.past :] += 0.1
     other = replace(starts, windows=spoilt)
-    assert np.array_equal(
-        prediction.predicted_by_pole(starts, VALUES, D),
-        prediction.predicted_by_pole(other, VALUES, D),
-    )
+    assert np.array_equal(*(prediction.predicted_by_pole(s, VALUES, D) for s in (starts, other)))
     here, there = (prediction.predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (starts, other))
     assert np.array_equal(here, there)
 

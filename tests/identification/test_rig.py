@@ -9,10 +9,8 @@ from afl_mujoco.identification.log import cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
-VALUES = {
-    **TRUTH.expected, "friction": 0.0, "compliance": 0.0, "dry_deceleration": 0.0, "lag": 0.0,
-    "bias": 0.0,
-}  # fmt: skip
+NONE = ("friction", "compliance", "dry_deceleration", "lag", "bias")
+VALUES = {**TRUTH.expected, **dict.fromkeys(NONE, 0.0)}
 
 
 @pytest.fixture(scope="module")
@@ -40,20 +38,14 @@ def test_the_true_parameters_meet_the_readings(windows) -> None:
 
 
 def test_any_number_of_threads_gives_the_same_bits(windows) -> None:
-    read = [
-        rig.Rig(windows=windows, description=TRUTH.description, workers=n).readings(
-            VALUES, windows.starts
-        )
-        for n in (1, 2)
-    ]
-    assert np.array_equal(*read)
+    rigs = (rig.Rig(windows=windows, description=TRUTH.description, workers=n) for n in (1, 2))
+    assert np.array_equal(*(one.readings(VALUES, windows.starts) for one in rigs))
 
 
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.007, 0.0), (0.003, 0.02)])
 def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, lag: float) -> None:
     values = {**VALUES, "delay": delay, "lag": lag, "bias": 0.05}
-    whole = rig.Rig(windows=windows, description=TRUTH.description)
-    forces = whole.forces(values)
+    forces = rig.Rig(windows=windows, description=TRUTH.description).forces(values)
     (log,) = windows.logs
     fine = np.arange(0.0, log.duration, 1e-5)  # by brute force: Euler at 10 us
     command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]
