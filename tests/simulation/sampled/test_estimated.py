@@ -38,10 +38,8 @@ def by_hand(scenario, controller):
     run = prepare(model, scenario, controller, timing_of(scenario, model, timestep=1e-3))
     pending, rows = no_commands(run.actuators), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
-    filtering, settings = (
-        estimator.new_filter(),
-        controller.settings.on(scenario.parameters_at(0.0))[0],
-    )
+    filtering, start = estimator.new_filter(), scenario.parameters_at(0.0)
+    settings = controller.settings.on(start)[0]
     loop.start(*plant, rows, run.initial_state)
     tick, command = 0, 0.0
     while memory.marks["status"] == loop.RUNNING:
@@ -56,7 +54,7 @@ def by_hand(scenario, controller):
             mass, length = estimator.update(filtering, settings, z, phi, force, 0.002)
         assumed_parameters = (mass, scenario.pole_mass, length, scenario.gravity)
         state = estimator.filtered_state(filtering)
-        compiled = controller.estimator_for(scenario.parameters_at(0.0)).compiled
+        compiled = controller.estimator_for(start).compiled
         command = compiled_force(*compiled, *state, assumed_parameters)
         memory.command[0] = command
         loop.advance(*plant[:2], run.actuators, *plant[2:], pending, rows)
@@ -117,10 +115,8 @@ def test_it_runs_nowhere_else(odd_scenario, estimating):
 
 def test_estimates_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, estimating):
     scenario = replace(odd_scenario, imperfections=REAL)
-    kept, run = (
-        simulate_estimated(scenario, estimating),
-        simulate_mujoco(scenario, estimating, "sampled"),
-    )
+    kept = simulate_estimated(scenario, estimating)
+    run = simulate_mujoco(scenario, estimating, "sampled")
     assert kept.run.state.tobytes() == run.state.tobytes()
     np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)
     _, _, last = by_hand(scenario, estimating)

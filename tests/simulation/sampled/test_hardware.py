@@ -31,24 +31,24 @@ def measured(model, imperfections, states, period=T):
     return np.array(seen)
 
 
-def forces(imperfections, commands, h=H):
-    """The mean force in each step under one command a step, shape (N,)."""
-    actuators, drive = drive_of(imperfections, h, len(commands)), hardware.new_run().drive[0]
-    pending = hardware.no_commands(actuators)
-    return np.array(
-        [
-            hardware.actuate(
-                actuators[0], drive, pending, 0, hardware.within_reach(actuators[0], c), k, 1.0
-            )
-            for k, c in enumerate(commands)
-        ]
-    )
+def driven(imperfections, commands):
+    """The mean force in each step under one command a step, shape (N,), and the drive's sums."""
+    actuators, drive = drive_of(imperfections, len(commands)), hardware.new_run().drive[0]
+    pending, found = hardware.no_commands(actuators), []
+    for k, command in enumerate(commands):
+        command = hardware.within_reach(actuators[0], command)
+        found.append(hardware.actuate(actuators[0], drive, pending, 0, command, k, 1.0))
+    return np.array(found), drive
 
 
-def drive_of(imperfections, h, steps):
+def forces(imperfections, commands):
+    return driven(imperfections, commands)[0]
+
+
+def drive_of(imperfections, steps):
     """The drive of a cart-pole without limits in its MJCF."""
     scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
-    return hardware.actuators_of(scenario, h, steps)
+    return hardware.actuators_of(scenario, H, steps)
 
 
 @pytest.fixture
@@ -68,9 +68,8 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     names = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
     noisy = IDEAL.changed({**dict(zip(names, scales.tolist(), strict=True)), "seed": 5})
     drawn = np.array([hardware.normals(5, tick) for tick in range(len(states))])
-    np.testing.assert_allclose(
-        measured(model, noisy, states) - states, scales * drawn, rtol=0, atol=1e-14
-    )
+    added = measured(model, noisy, states) - states
+    np.testing.assert_allclose(added, scales * drawn, rtol=0, atol=1e-14)
 
 
 def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
@@ -85,9 +84,8 @@ def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
 
 def test_differentiated_velocities_are_differences_of_what_the_encoders_say(model, states):
     encoders = {"encoder_step.z": 0.01, "noise.z": 0.002, "encoder_step.phi": 0.03}
-    seen = measured(
-        model, IDEAL.changed({**encoders, "noise.z_dot": 9.0, "differentiated": True}), states
-    )
+    real = IDEAL.changed({**encoders, "noise.z_dot": 9.0, "differentiated": True})
+    seen = measured(model, real, states)
     positions = measured(model, IDEAL.changed(encoders), states)[:, :2]
     np.testing.assert_allclose(seen[1:, 2:], np.diff(positions, axis=0) / T, rtol=1e-12)
     assert seen[0, 2:].tolist() == [0.0, 0.0]
@@ -110,8 +108,11 @@ def test_the_velocity_filter_is_of_first_order(model, differentiated):
 # Actuator: the momentum that it has delivered at the end of each step is that of the closed form.
 
 
-def delivered(force, h=H):
-    return h * np.cumsum(force)
+ENDS = H * np.arange(1, 101)
+
+
+def delivered(**imperfections):
+    return H * np.cumsum(forces(Imperfections(**imperfections), np.full(100, 7.0)))
 
 
 def test_an_ideal_actuator_exerts_the_command():
@@ -120,34 +121,21 @@ def test_an_ideal_actuator_exerts_the_command():
 
 
 def test_the_force_limit_cuts_off_both_signs():
-    commands = [3.0, -70.0, math.inf, -math.inf, 12.5]
-    assert forces(
-        Imperfections(input_limit=12.5), commands,
-    ).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]  # fmt: skip
-    assert math.isnan(
-        hardware.within_reach(drive_of(Imperfections(input_limit=12.5), H, 9)[0], math.nan)
-    )
+    commands, limited = [3.0, -70.0, math.inf, -math.inf, 12.5], Imperfections(input_limit=12.5)
+    assert forces(limited, commands).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]
+    assert math.isnan(hardware.within_reach(drive_of(limited, 9)[0], math.nan))
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
 def test_a_step_arrives_after_the_transport_delay(delay):
-    ends = H * np.arange(1, 101)
-    np.testing.assert_allclose(
-        delivered(forces(Imperfections(delay=delay), np.full(100, 7.0))),
-        7.0 * np.maximum(ends - delay, 0.0),
-        rtol=0,
-        atol=1e-14,
-    )
+    expected = 7.0 * np.maximum(ENDS - delay, 0.0)
+    np.testing.assert_allclose(delivered(delay=delay), expected, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("lag", [1e-5, 3e-4, 0.004, 0.5], ids=str)
 def test_a_step_rises_with_the_lag_of_the_actuator(lag):
-    ends = H * np.arange(1, 101)
-    np.testing.assert_allclose(
-        delivered(forces(Imperfections(lag=lag), np.full(100, 7.0))),
-        7.0 * (ends + lag * np.expm1(-ends / lag)),
-        rtol=1e-11,
-    )
+    expected = 7.0 * (ENDS + lag * np.expm1(-ENDS / lag))
+    np.testing.assert_allclose(delivered(lag=lag), expected, rtol=1e-11)
 
 
 def test_the_slew_rate_limits_every_change():
@@ -170,9 +158,7 @@ CHAINS = {
     "less than a step": Imperfections(delay=0.0005, lag=0.001),
     "slew": Imperfections(slew_rate=5000.0),
     "slew and lag": Imperfections(slew_rate=5000.0, lag=0.002),
-    "everything": Imperfections(
-        delay=0.0035, slew_rate=5000.0, lag=0.004, input_limit=8.0
-    ),
+    "everything": Imperfections(delay=0.0035, slew_rate=5000.0, lag=0.004, input_limit=8.0),
 }  # fmt: skip
 
 
@@ -204,25 +190,16 @@ def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(n
 @pytest.mark.parametrize("name", CHAINS)
 def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name, rng):
     commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
-    fine = fine_chain(real, commands, 2000)
-    actuators, drive = drive_of(real, H, len(commands)), hardware.new_run().drive[0]
-    pending = hardware.no_commands(actuators)
-    for k, command in enumerate(commands):
-        command = hardware.within_reach(actuators[0], command)
-        hardware.actuate(actuators[0], drive, pending, 0, command, k, 1.0)
+    fine, (_, drive) = fine_chain(real, commands, 2000), driven(real, commands)
     assert drive["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
     assert drive["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
-    assert drive["force_variation"] == pytest.approx(
-        np.abs(np.diff(fine, prepend=0.0)).sum(), rel=3e-3
-    )
+    variation = np.abs(np.diff(fine, prepend=0.0)).sum()
+    assert drive["force_variation"] == pytest.approx(variation, rel=3e-3)
 
 
 def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
     lag, n = 0.004, 50
-    actuators, drive = drive_of(Imperfections(lag=lag), H, n), hardware.new_run().drive[0]
-    pending = hardware.no_commands(actuators)
-    for k in range(n):
-        hardware.actuate(actuators[0], drive, pending, 0, 7.0, k, 1.0)
+    _, drive = driven(Imperfections(lag=lag), [7.0] * n)
     end, gone = n * H, math.exp(-n * H / lag)
     squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
     assert drive["force_squared"] * H == pytest.approx(squared, rel=1e-12)

@@ -1,6 +1,7 @@
 """Nothing before an instant depends on what comes after it: of every controller, in every mode."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -29,10 +30,8 @@ def imperfect():
             found[path] = {path: declaration.drawn.range[1]}
         else:
             found[path] = {path: plain[path]}
-    together = {name: value for one in found.values() for name, value in one.items()}
-    return {"ideal": IDEAL} | {
-        name: IDEAL.changed(options) for name, options in {**found, "all": together}.items()
-    }
+    found["all"] = {name: value for one in found.values() for name, value in one.items()}
+    return {"ideal": IDEAL, **{name: IDEAL.changed(options) for name, options in found.items()}}
 
 
 IMPERFECT = imperfect()
@@ -52,10 +51,8 @@ def differing(controller, mode, imperfections=IDEAL):
     """Return the times before the change at which state or force differ, and one run."""
     found = afl.find_controller(controller)
     scenarios = [replace(one, imperfections=imperfections) for one in (NEAR, FAR)]
-    if mode == "ode":
-        runs = [afl.simulate_ode(one, found) for one in scenarios]
-    else:
-        runs = [afl.simulate_mujoco(one, found, mode) for one in scenarios]
+    simulate = afl.simulate_ode if mode == "ode" else partial(afl.simulate_mujoco, mode=mode)
+    runs = [simulate(one, found) for one in scenarios]
     count = int(np.searchsorted(runs[0].time, CHANGE))
     assert all(len(run.time) >= count for run in runs), [str(run.outcome) for run in runs]
     time, state, force = (

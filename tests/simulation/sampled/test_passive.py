@@ -142,9 +142,8 @@ def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
 @INTEGRATORS
 def test_damping_of_the_rail_decays_exponentially(integrator):
     damping = 0.8
-    states = motion(
-        LIGHT, Imperfections(damping={"z": damping}), (0, HANGING, 1.1, 0), 1.0, integrator
-    )
+    real = Imperfections(damping={"z": damping})
+    states = motion(LIGHT, real, (0, HANGING, 1.1, 0), 1.0, integrator)
     expected = 1.1 * np.exp(-damping / LIGHT.cart_mass)
     assert states[-1, 2] == pytest.approx(expected, rel=1e-6 if integrator == "RK4" else 3e-4)
 
@@ -153,9 +152,8 @@ def test_damping_of_the_rail_decays_exponentially(integrator):
 def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
     damping, m, length, g = 0.002, HEAVY.pole_mass, HEAVY.half_length, HEAVY.gravity
     inertia = m * (2 * length) ** 2 / 3
-    states = motion(
-        HEAVY, Imperfections(damping={"phi": damping}), (0, HANGING - 1e-3, 0, 0), 8.0, integrator
-    )
+    real = Imperfections(damping={"phi": damping})
+    states = motion(HEAVY, real, (0, HANGING - 1e-3, 0, 0), 8.0, integrator)
     swing = states[:, 1] - HANGING
     energy = 0.5 * inertia * states[:, 3] ** 2 + 0.5 * m * g * length * swing**2
     decay = -np.polyfit(H * np.arange(len(energy)), np.log(energy), 1)[0]
@@ -164,22 +162,14 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
 
 @INTEGRATORS
 def test_an_end_stop_holds_the_cart(integrator):
-    states = motion(
-        LIGHT, Imperfections(end_stops={"z": 0.3}), (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0
-    )
+    real = Imperfections(end_stops={"z": 0.3})
+    states = motion(LIGHT, real, (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0)
     assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
     assert states[-1, 0] == pytest.approx(0.3, abs=2e-5)
     assert abs(states[-1, 2]) < 1e-9
 
 
 # The spread of mass and inertia
-
-
-def pivot_inertia(imperfections):
-    """Inertia about a fixed hinge over m l^2, and the first moment over m l, by hand."""
-    share = imperfections.tip_mass_share
-    armature = imperfections.at("armature.phi") / (HEAVY.pole_mass * HEAVY.half_length**2)
-    return (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
 
 
 @pytest.mark.parametrize("imperfections", [
@@ -192,7 +182,9 @@ def test_a_hanging_pole_swings_at_the_frequency_of_its_mass_distribution(imperfe
     k = np.flatnonzero((swing[:-1] < 0) & (swing[1:] >= 0))
     crossings = times[k] + H * swing[k] / (swing[k] - swing[k + 1])
     frequency = 2 * np.pi * (len(k) - 1) / (crossings[-1] - crossings[0])
-    inertia, moment = pivot_inertia(imperfections)
+    share = imperfections.tip_mass_share  # inertia over m l^2, first moment over m l, by hand
+    armature = imperfections.at("armature.phi") / (HEAVY.pole_mass * HEAVY.half_length**2)
+    inertia, moment = (1 - share) * 4 / 3 + share * 4 + armature, (1 - share) + 2 * share
     expected = np.sqrt(HEAVY.gravity * moment / (inertia * HEAVY.half_length))
     assert frequency == pytest.approx(expected, rel=1e-6)  # amplitude 1e-3 rad
 
@@ -211,10 +203,8 @@ def test_a_thick_pole_is_the_capsule_of_mujoco_s_compiler(radius, odd_parameters
 
 
 def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
-    p, real = (
-        odd_parameters,
-        Imperfections(dry_friction={"z": 5.0}, armature={"phi": 0.01, "z": 0.4}),
-    )
+    p = odd_parameters
+    real = Imperfections(dry_friction={"z": 5.0}, armature={"phi": 0.01, "z": 0.4})
     phi, impulse = 0.3, 0.21
     coupling = -p.pole_mass * p.half_length * np.cos(phi)
     mass_matrix = [

@@ -17,10 +17,11 @@ FIGURES = (
 SETTINGS = {"integrator": "Euler", "control_period": 0.002}
 
 
-def drawn(rng, count):
+@pytest.fixture
+def scenarios(rng):
     """Scenarios that share nothing, some of which fall; every third is ideal."""
     scenarios = []
-    for i in range(count):
+    for i in range(24):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)
         imperfections = afl.Imperfections(
             noise={"z": rng.uniform(0, 1e-3), "phi": rng.uniform(0, 1e-2)},
@@ -28,24 +29,16 @@ def drawn(rng, count):
             end_stops=[{}, {"z": 1.5}][i % 2], delay=rng.uniform(0.0, 0.02),
             tip_mass_share=rng.uniform(0.0, 0.3), seed=i,
         )  # fmt: skip
-        scenarios.append(
-            afl.Scenario(
-                name=f"drawn-{i}",
-                schedule={
-                    "cart_mass": afl.staircase((0.3,), (mass, 1.3 * mass)),
-                    "half_length": afl.piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
-                },
-                initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
-                duration=[1.0, 1.5][i % 2],
-                imperfections=imperfections if i % 3 else afl.Imperfections(),
-            )
-        )
+        schedule = {
+            "cart_mass": afl.staircase((0.3,), (mass, 1.3 * mass)),
+            "half_length": afl.piecewise_linear((0.1, 0.5), (length, 1.2 * length)),
+        }
+        scenarios.append(afl.Scenario(
+            name=f"drawn-{i}", schedule=schedule, duration=[1.0, 1.5][i % 2],
+            initial_state=(0.0, rng.uniform(-1.3, 1.3), 0.0, rng.normal()),
+            imperfections=imperfections if i % 3 else afl.Imperfections(),
+        ))  # fmt: skip
     return scenarios
-
-
-@pytest.fixture
-def scenarios(rng):
-    return drawn(rng, 24)
 
 
 def same(one, other):
@@ -64,10 +57,9 @@ def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
 ):
     many = afl.run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
     for i, scenario in enumerate(scenarios):
-        afl.save_scenario(scenario, tmp_path / "s.toml")
-        run = afl.simulate_mujoco(
-            afl.find_scenario(str(tmp_path / "s.toml")), adaptive, "sampled", **SETTINGS
-        )
+        afl.save_scenario(scenario, file := tmp_path / "s.toml")
+        again = afl.find_scenario(str(file))
+        run = afl.simulate_mujoco(again, adaptive, "sampled", **SETTINGS)
         assert many.outcome(i) == run.outcome
         z, phi = np.abs(run.state[:, :2]).T
         assert many.peak_z[i] == z.max()
@@ -97,7 +89,7 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
 def test_an_error_in_one_run_is_raised(scenarios, adaptive):
     with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
         afl.run_rollouts(scenarios, adaptive, threads=0)
-    tiny = afl.Scenario(name="tiny", schedule={"half_length": afl.constant(0.001)})
+    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
     with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
         afl.run_rollouts([*scenarios, tiny], afl.CONTROLLERS["adaptive"], threads=2)
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
@@ -110,9 +102,8 @@ def test_requirements_are_judged_as_of_the_single_run(adaptive):
     with_them = afl.Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
     without = afl.Scenario(name="plain", duration=6.0, imperfections=noisy)
     many = afl.run_rollouts([without, with_them], adaptive, **SETTINGS)
-    run = afl.simulate_mujoco(without, adaptive, "sampled", **SETTINGS)
-    assert many.requirements[0] == judge(without, run)
-    run = afl.simulate_mujoco(with_them, adaptive, "sampled", **SETTINGS)
-    assert many.requirements[1] == judge(with_them, run)
+    for scenario, found in zip((without, with_them), many.requirements, strict=True):
+        run = afl.simulate_mujoco(scenario, adaptive, "sampled", **SETTINGS)
+        assert found == judge(scenario, run)
     assert [one.requirement for one in many.requirements[1] if not one.met]
     assert many.peak_z[0] == many.peak_z[1]

@@ -13,6 +13,7 @@ from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from tests.engine import jump as jump_of
+from tests.messages import line
 
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
 REAL = Imperfections(
@@ -24,18 +25,12 @@ REAL = Imperfections(
 
 
 def same(one, other):
-    return str(one.outcome) == str(other.outcome) and all(
-        getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in ARRAYS
-    )
+    bits = ([getattr(run, name).tobytes() for name in ARRAYS] for run in (one, other))
+    return str(one.outcome) == str(other.outcome) and next(bits) == next(bits)
 
 
-def in_python(controller):
-    def function(time, state, belief):
-        return controller.force(state, belief)
-
-    return PythonController(
-        name="mine", function=function, call_limit=60.0
-    )  # the first call compiles
+def in_python(function):
+    return PythonController(name="mine", function=function, call_limit=60.0)  # one compiles
 
 
 # Ideal, it is a plain loop of `mujoco.mj_step`
@@ -57,7 +52,8 @@ def plain_loop(scenario, controller, hold, integrator):
             force = controller.force(state, scenario.parameters_at(round(start, 9)))
         rows[k] = *state, force
         if k < count:
-            hit = impulse_in(scenario, k)
+            hits = [d for d in scenario.disturbances if not isinstance(d, ForcePulse)]
+            hit = next((one for one in hits if int(1e3 * one.time) == k), None)  # never at start
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
             if hit is not None:
                 m.opt.timestep = hit.time - start
@@ -79,15 +75,8 @@ def mean_push(scenario, k):
     for one in scenario.disturbances:
         if isinstance(one, ForcePulse):
             start, end = round(1e4 * one.start) / 10, round(1e4 * one.end) / 10
-            if k < end and k + 1 > start:
-                push += one.force * (min(end, k + 1) - max(start, k))
+            push += one.force * max(min(end, k + 1) - max(start, k), 0.0)
     return push
-
-
-def impulse_in(scenario, k):
-    """The impulse inside a step of 1 ms, if there is one; none lies at the start of a step."""
-    hits = [d for d in scenario.disturbances if not isinstance(d, ForcePulse)]
-    return next((one for one in hits if int(1e3 * one.time) == k), None)
 
 
 @pytest.mark.parametrize(("name", "hold", "integrator"), [
@@ -96,10 +85,8 @@ def impulse_in(scenario, k):
     ("lqr", 7, "implicit"),
 ])  # fmt: skip
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, integrator):
-    controller, settings = (
-        afl.CONTROLLERS[name],
-        {"integrator": integrator, "control_period": hold * 1e-3},
-    )
+    controller = afl.CONTROLLERS[name]
+    settings = {"integrator": integrator, "control_period": hold * 1e-3}
     run = afl.simulate_mujoco(odd_scenario, controller, "sampled", **settings)
     rows = plain_loop(odd_scenario, controller, hold, integrator)
     np.testing.assert_allclose(run.state, rows[:, :4], rtol=0, atol=1e-12)
@@ -139,42 +126,30 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
     assert (run.outcome.kind == "completed") == (count == len(rows))
 
 
-# A controller in Python
-
-
 @pytest.mark.parametrize("imperfections", [IDEAL, REAL], ids=["ideal", "real"])
 def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
     odd_scenario, controller, imperfections
 ):
     scenario = replace(odd_scenario, imperfections=imperfections)
     compiled = afl.simulate_mujoco(scenario, controller, "sampled")
-    assert same(afl.simulate_mujoco(scenario, in_python(controller), "sampled"), compiled)
+    mine = in_python(lambda time, state, belief: controller.force(state, belief))
+    assert same(afl.simulate_mujoco(scenario, mine, "sampled"), compiled)
     assert compiled.outcome.kind == "completed"
-
-
-# Each departure is where it should be
 
 
 def test_assumed_parameters_can_be_late_and_wrong():
     scenario = afl.Scenario(
-        name="late",
+        name="late", duration=0.2, imperfections=Imperfections(parameter_delay=0.03),
         schedule={
             "cart_mass": afl.staircase((0.05,), (1.0, 2.0)),
             "half_length": afl.piecewise_linear((0.0, 0.1), (0.4, 0.5)),
-        },
-        duration=0.2,
-        imperfections=Imperfections(parameter_delay=0.03),
-        belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
-    )
+        }, belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
+    )  # fmt: skip
     seen = []
-
-    def function(time, state, belief):
-        seen.append(belief)
-        return 0.0
-
-    afl.simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
-    assumed_mass = [b.cart_mass for b in seen]
-    assert assumed_mass == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
+    mine = in_python(lambda time, state, belief: seen.append(belief) or 0.0)
+    afl.simulate_mujoco(scenario, mine, "sampled")
+    masses = [b.cart_mass for b in seen]
+    assert masses == pytest.approx([1.1] * 80 + [2.2] * 120)  # the jump at 0.05 + 0.03 s
     late = np.clip(0.001 * np.arange(200) - 0.03, 0.0, 0.1)
     lengths = [b.half_length for b in seen]
     np.testing.assert_allclose(lengths, 0.8 * (0.4 + late), rtol=1e-9)
@@ -185,17 +160,13 @@ def test_assumed_parameters_can_be_late_and_wrong():
 def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     jumps = (10, 20, 40, 50, 70, 140, 170, 200)  # [ms]; minus the delay, some round to just before
     seen = []
-
-    def function(time, state, belief):
-        seen.append(belief.cart_mass)
-        return 0.0
-
+    mine = in_python(lambda time, state, belief: seen.append(belief.cart_mass) or 0.0)
     mass = afl.staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)])
     hardware = Imperfections(parameter_delay=1e-3 * late)
     scenario = afl.Scenario(
         name="late", schedule={"cart_mass": mass}, duration=0.3, imperfections=hardware
     )
-    afl.simulate_mujoco(scenario, PythonController(name="x", function=function), "sampled")
+    afl.simulate_mujoco(scenario, mine, "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
 
@@ -206,42 +177,32 @@ def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive
     assert (run.state == by_hand.state).all()
     assert run.provenance["settings"]["control_period"] == 0.005
     assert same(afl.simulate_mujoco(held, adaptive, "sampled", control_period=0.005), run)
-    with pytest.raises(InvalidValueError) as caught:
+    said = line("control_period must be that of scenario 'odd', 0.005 s, got 0.002")
+    with pytest.raises(InvalidValueError, match=said):
         afl.simulate_mujoco(held, adaptive, "sampled", control_period=0.002)
-    assert str(caught.value) == (
-        "control_period must be that of scenario 'odd', 0.005 s, got 0.002"
-    )
     half = replace(odd_scenario, imperfections=Imperfections(control_period=0.0005))
     assert afl.simulate_mujoco(half, adaptive).provenance["settings"]["timestep"] == 0.0005
     with pytest.raises(InvalidValueError, match=r"^timestep 0\.001 s must divide control_period"):
         afl.simulate_mujoco(half, adaptive, timestep=1e-3)
 
 
-# Repeatable
-
-
 def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, adaptive, tmp_path):
     scenario = replace(odd_scenario, imperfections=REAL)
-    run = afl.simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler")
-    assert same(afl.simulate_mujoco(scenario, adaptive, "sampled", integrator="Euler"), run)
-    afl.save_scenario(scenario, tmp_path / "failure.toml")
-    again = afl.find_scenario(str(tmp_path / "failure.toml"))
-    assert same(afl.simulate_mujoco(again, adaptive, "sampled", integrator="Euler"), run)
+    afl.save_scenario(scenario, file := tmp_path / "failure.toml")
     other = replace(scenario, imperfections=replace(REAL, seed=8))
-    assert not same(afl.simulate_mujoco(other, adaptive, "sampled", integrator="Euler"), run)
+    run, again, replayed, drawn = (
+        afl.simulate_mujoco(one, adaptive, "sampled", integrator="Euler")
+        for one in (scenario, scenario, afl.find_scenario(str(file)), other)
+    )
+    assert same(run, again) and same(run, replayed) and not same(run, drawn)
 
 
 def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, adaptive):
     scenario = replace(odd_scenario, imperfections=REAL)
-    fresh, used = (
-        afl.CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
-        for _ in range(2)
-    )
+    p, real = scenario.parameters_at(0.0), scenario.imperfections
+    fresh, used = (afl.CartPoleModel(p, imperfections=real) for _ in range(2))
     data = used.mj_data
     data.qpos[:], data.qvel[:], data.qacc_warmstart[:] = 1.0, 2.0, 1e4
     data.qfrc_applied[:], data.ctrl[:], data.time = 3.0, 4.0, 5.0
     data.xfrc_applied[:] = 6.0
-    assert same(
-        simulate_sampled(scenario, adaptive, model=used),
-        simulate_sampled(scenario, adaptive, model=fresh),
-    )
+    assert same(*(simulate_sampled(scenario, adaptive, model=one) for one in (used, fresh)))
