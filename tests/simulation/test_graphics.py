@@ -21,9 +21,8 @@ def installed(monkeypatch):
     monkeypatch.setenv("PYOPENGL_PLATFORM", "glx")
 
     def say(*libraries):
-        monkeypatch.setattr(
-            ctypes.util, "find_library", lambda name: name if name in libraries else None
-        )
+        found = {name: name for name in libraries}
+        monkeypatch.setattr(ctypes.util, "find_library", found.get)
 
     return say
 
@@ -36,18 +35,14 @@ def test_what_the_user_set_is_respected(installed, monkeypatch):
     assert os.environ["PYOPENGL_PLATFORM"] == "glx"
 
 
-@pytest.mark.parametrize(
-    ("libraries", "backend"),
-    [
-        (("EGL", "GL", "OSMesa"), "egl"),
-        (("EGL", "OpenGL"), "egl"),
-        (("EGL", "OSMesa"), "osmesa"),  # with EGL alone MuJoCo cannot be imported
-        (("EGL",), "disable"),
-        (("OSMesa",), "osmesa"),
-        ((), "disable"),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("libraries", "backend"), [
+    (("EGL", "GL", "OSMesa"), "egl"),
+    (("EGL", "OpenGL"), "egl"),
+    (("EGL", "OSMesa"), "osmesa"),  # with EGL alone MuJoCo cannot be imported
+    (("EGL",), "disable"),
+    (("OSMesa",), "osmesa"),
+    ((), "disable"),
+], ids=str)  # fmt: skip
 def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, installed):
     installed(*libraries)
     assert choose_backend() == backend
@@ -56,20 +51,22 @@ def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, insta
     assert os.environ["PYOPENGL_PLATFORM"] == platform  # MuJoCo refuses to draw with another
 
 
+def refused(folder, backend):
+    result = run("simulate", "nominal", "--no-page", cwd=folder, MUJOCO_GL=backend)
+    assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+    return result.stderr
+
+
 def test_a_backend_that_mujoco_does_not_know_is_one_line(tmp_path):
-    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="glx")
-    assert (result.returncode, result.stdout) == (2, "")
-    message = "afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, "
-    assert result.stderr.startswith(message) and result.stderr.endswith(", got glx\n")
-    assert result.stderr.count("\n") == 1
+    said = refused(tmp_path, "glx")
+    assert said.startswith("afl-mujoco: MUJOCO_GL must be one of egl, osmesa, glfw, disable, ")
+    assert said.endswith(", got glx\n")
 
 
 @pytest.mark.skipif(bool(ctypes.util.find_library("OSMesa")), reason="OSMesa is installed")
 def test_a_backend_that_is_not_installed_is_one_line(tmp_path):
-    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="osmesa")
-    assert (result.returncode, result.stdout) == (2, "")
-    assert "MUJOCO_GL=osmesa must be able to draw; install Debian's" in result.stderr
-    assert result.stderr.count("\n") == 1
+    said = refused(tmp_path, "osmesa")
+    assert "MUJOCO_GL=osmesa must be able to draw; install Debian's" in said
 
 
 def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
@@ -92,7 +89,6 @@ def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_pa
         "print(open('/proc/self/maps').read().count('libtriton') > 0)"
     )
     environment = {**os.environ, "PYTHONPATH": str(tmp_path), "MUJOCO_GL": backend}
-    ended = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True
-    )
+    command = [sys.executable, "-c", program]
+    ended = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert ended.stdout.split() == [str(backend != "disable")], ended.stderr

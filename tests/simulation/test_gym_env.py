@@ -8,7 +8,6 @@ import math
 import os
 import subprocess
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -53,19 +52,15 @@ IDS = [
 SI = {"scaled": False}
 
 
-def program(*lines: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-W", "error", "-c", "\n".join(lines)], cwd=ROOT, capture_output=True,
-        text=True, check=False,
-    )  # fmt: skip
+def program(*lines: str) -> tuple[str, str]:
+    command = [sys.executable, "-W", "error", "-c", "\n".join(lines)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    return run.stdout, run.stderr
 
 
 @pytest.mark.parametrize("name", IDS)
 def test_gymnasium_s_checker_finds_nothing_to_warn_of(name: str) -> None:
-    environment = gymnasium.make(name, initial_noise=0.1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(environment.unwrapped, skip_render_check=True)
+    check_env(gymnasium.make(name, initial_noise=0.1).unwrapped, skip_render_check=True)
 
 
 def test_gymnasium_s_checker_accepts_the_pictures(graphics: None) -> None:
@@ -93,32 +88,30 @@ def test_the_scenarios_of_the_paper_are_registered_as_they_are_and_at_random() -
 
 def test_importing_the_package_registers_whatever_is_imported_first() -> None:
     """And that loads neither MuJoCo nor Numba."""
-    run = program("import afl_mujoco, gymnasium, sys", "print(*sys.modules)")
-    assert "afl_mujoco.scenario.catalogue" in run.stdout.split()
-    assert {"mujoco", "numba", "dm_control"}.isdisjoint(run.stdout.split())
+    loaded = program("import afl_mujoco, gymnasium, sys", "print(*sys.modules)")[0].split()
+    assert "afl_mujoco.scenario.catalogue" in loaded
+    assert {"mujoco", "numba", "dm_control"}.isdisjoint(loaded)
     made = "print(gymnasium.make('afl_mujoco/CartPole-step-step-v0').spec.id)"
-    run = program("import gymnasium, afl_mujoco", made)
-    assert (run.stdout, run.stderr) == ("afl_mujoco/CartPole-step-step-v0\n", "")
+    said = program("import gymnasium, afl_mujoco", made)
+    assert said == ("afl_mujoco/CartPole-step-step-v0\n", "")
 
 
 def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with() -> None:
-    run = program(
+    said = program(
         "import afl_mujoco, importlib.util, sys",
         "importlib.util.find_spec('gymnasium'); assert 'gymnasium' not in sys.modules",
         "import gymnasium, importlib.resources",
         "assert importlib.resources.files(gymnasium).joinpath('py.typed').is_file()",
         "print(len([name for name in gymnasium.registry if name.startswith('afl_mujoco/')]))",
     )
-    assert (run.stdout, run.stderr) == ("20\n", "")
+    assert said == ("20\n", "")
 
 
 PUSH = afl.ForcePulse(force=-10.0, start=1.5, duration=0.1)
 
 
 @pytest.mark.parametrize("name", ["step-step", "trapezoid-trapezoid"])
-def test_an_episode_has_the_bits_of_the_dm_control_environment(
-    name: str, rng: np.random.Generator
-) -> None:
+def test_an_episode_has_the_bits_of_the_dm_control_environment(name, rng) -> None:
     scenario = replace(afl.SCENARIOS[name], disturbances=(PUSH,))
     environment = CartPoleEnv(scenario, control_period=0.01, **SI)
     twin = afl.load(scenario, control_period=0.01, force_limit=FORCE_LIMIT)
@@ -137,6 +130,11 @@ def test_an_episode_has_the_bits_of_the_dm_control_environment(
 
 
 def test_a_fall_terminates_and_the_horizon_truncates() -> None:
+    def ends(steps, **changes):
+        environment = CartPoleEnv(replace(afl.SCENARIOS["nominal"], **changes))
+        environment.reset()
+        return [environment.step(np.zeros(1))[2:4] for _ in range(steps)]
+
     environment = CartPoleEnv("nominal", **SI)
     environment.reset()
     terminated = truncated = False
@@ -146,21 +144,14 @@ def test_a_fall_terminates_and_the_horizon_truncates() -> None:
     assert not truncated
     assert info["time"] < 1.0
     until = round(info["time"], 3)  # a fall at the horizon is a fall
-    environment = CartPoleEnv(replace(afl.SCENARIOS["nominal"], duration=until))
-    environment.reset()
-    ends = [environment.step(np.zeros(1))[2:4] for _ in range(round(until / 0.02))]
-    assert ends[-2:] == [(False, False), (True, False)]
-    calm = replace(afl.SCENARIOS["nominal"], initial_state=(0, 0, 0, 0), duration=0.5)
-    environment = CartPoleEnv(calm)
-    environment.reset()
-    ends = [environment.step(np.zeros(1))[2:4] for _ in range(25)]
-    assert ends == [(False, False)] * 24 + [(False, True)]
+    assert ends(round(until / 0.02), duration=until)[-2:] == [(False, False), (True, False)]
+    calm = ends(25, initial_state=(0, 0, 0, 0), duration=0.5)
+    assert calm == [(False, False)] * 24 + [(False, True)]
 
 
 def test_a_seed_fixes_the_start_of_each_episode_and_is_the_dm_control_task_s() -> None:
     environment = CartPoleEnv(initial_noise=0.1, **SI)
-    first = [environment.reset(seed=5)[0], environment.reset()[0]]
-    again = [environment.reset(seed=5)[0], environment.reset()[0]]
+    first, again = ([environment.reset(seed=seed)[0] for seed in (5, None)] for _ in range(2))
     other = environment.reset(seed=6)[0]
     np.testing.assert_array_equal(first, again)
     assert len({first[0][1], first[1][1], other[1]}) == 3
@@ -179,9 +170,8 @@ def test_an_episode_can_start_anywhere() -> None:
     scenario = replace(afl.SCENARIOS["step-step"], initial_state=start)
     twin = afl.load(scenario, control_period=CONTROL_PERIOD)
     twin.reset()
-    np.testing.assert_array_equal(
-        environment.step([0.25])[0][:2], twin.step([0.25 * FORCE_LIMIT]).observation["position"]
-    )
+    expected = twin.step([0.25 * FORCE_LIMIT]).observation["position"]
+    np.testing.assert_array_equal(environment.step([0.25])[0][:2], expected)
 
 
 def test_an_action_beyond_1_is_that_of_1_and_one_that_is_no_number_is_refused() -> None:
@@ -192,11 +182,14 @@ def test_an_action_beyond_1_is_that_of_1_and_one_that_is_no_number_is_refused() 
         environment.step([math.nan])
 
 
+LIGHT = afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5)
+DIVERGES = {
+    "scenario": replace(LIGHT, duration=1.0), "force_limit": 9e5, "control_period": 0.1,
+}  # fmt: skip
+
+
 def test_a_state_that_diverges_is_observed_within_the_space() -> None:
-    light = replace(
-        afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5), duration=1.0
-    )
-    environment = CartPoleEnv(light, force_limit=9e5, control_period=0.1, **SI)
+    environment = CartPoleEnv(**DIVERGES, **SI)
     environment.reset()
     terminated = False
     while not terminated:
@@ -209,15 +202,12 @@ def test_a_state_that_diverges_is_observed_within_the_space() -> None:
 
 def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
     environment = CartPoleEnv()
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        environment.step([0.0])
-    environment.reset()
-    while not environment.step([0.0])[2]:
-        pass
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        environment.step([0.0])
-    environment.reset()
-    environment.step([0.0])
+    for _ in range(2):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            environment.step([0.0])
+        environment.reset()
+        while not environment.step([0.0])[2]:
+            pass
     environment.close()
     environment.close()
     with pytest.raises(gymnasium.error.ClosedEnvironmentError, match=r"^a closed environment"):
@@ -244,9 +234,8 @@ def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPat
     ({}, {"initial_state": (0, 1.6, 0, 0)}, "phi of initial_state must be within 1.5698 rad"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, message) -> None:
-    with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
+    with pytest.raises((InvalidValueError, UnknownNameError), match=rf"^{message}.*\Z"):
         CartPoleEnv(**settings).reset(options=options)
-    assert "\n" not in str(caught.value)
 
 
 def test_scaled_observations_are_shares_of_powers_of_two() -> None:
@@ -266,18 +255,15 @@ def test_scaled_observations_are_shares_of_powers_of_two() -> None:
 
 
 def test_m_and_l_can_be_hidden_or_told_beside_the_observation() -> None:
-    hidden = CartPoleEnv("step-step", parameters="hidden")
-    seen, info = hidden.reset()
+    seen, info = CartPoleEnv("step-step", parameters="hidden").reset()
     assert seen.shape == (4,) and set(info) == {"time", "force"}
-    privileged = CartPoleEnv("step-step", parameters="privileged")
-    seen, info = privileged.reset()
+    seen, info = CartPoleEnv("step-step", parameters="privileged").reset()
     assert seen.shape == (4,) and info["parameters"].tolist() == [0.5, 0.2]
 
 
 def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats_them() -> None:
     environment = gymnasium.make("afl_mujoco/CartPole-Random-v0")
-    first = [environment.reset(seed=9), environment.reset(), environment.reset()]
-    again = [environment.reset(seed=9), environment.reset(), environment.reset()]
+    first, again = ([environment.reset(seed=seed) for seed in (9, None, None)] for _ in range(2))
     assert repr(first) == repr(again)
     assert len({info["sample"] for _, info in first}) == 3
     scenario = environment.unwrapped.scenario
@@ -290,6 +276,7 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     assert drawn.initial_state != afl.SCENARIOS["step-step"].initial_state
 
 
+HIT = afl.Impulse(momentum=0.2, time=0.0)
 VECTORS = {
     "random": {"scenario": "laboratory", "randomize": True},
     "privileged": {
@@ -297,19 +284,12 @@ VECTORS = {
     },
     "short, hidden": {
         "scenario": replace(
-            afl.SCENARIOS["trapezoid-step"],
-            duration=0.3,
-            disturbances=(afl.Impulse(momentum=0.2, time=0.0),),
+            afl.SCENARIOS["trapezoid-step"], duration=0.3, disturbances=(HIT,),
             imperfections=Imperfections(delay=0.0345, differentiated=True, end_stops={"z": 0.2}),
         ),
         "parameters": "hidden", "integrator": "Euler",
     },
-    "diverges": {
-        "scenario": replace(
-            afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5), duration=1.0
-        ),
-        "force_limit": 9e5, "control_period": 0.1,
-    },
+    "diverges": DIVERGES,
 }  # fmt: skip
 
 
@@ -341,20 +321,19 @@ def stepped(ours, theirs, count: int, actions) -> int:
 
 
 @pytest.mark.parametrize("settings", VECTORS.values(), ids=VECTORS)
-def test_the_vector_environment_has_the_bits_of_gymnasium_s(
-    settings, rng: np.random.Generator
-) -> None:
+def test_the_vector_environment_has_the_bits_of_gymnasium_s(settings, rng) -> None:
     ours = [CartPoleVectorEnv(5, threads=threads, **settings) for threads in (1, 3)]
-    theirs = SyncVectorEnv([lambda: CartPoleEnv(**settings) for _ in range(5)])
+    theirs = SyncVectorEnv([lambda: CartPoleEnv(**settings)] * 5)
     assert ours[0].observation_space == theirs.observation_space
     assert ours[0].action_space == theirs.action_space
     assert stepped(ours, theirs, 120, lambda: rng.uniform(-1.2, 1.2, (5, 1))) > 5
 
 
+VECTORISED = {"vectorization_mode": "vector_entry_point"}
+
+
 def test_the_vector_environment_is_what_gymnasium_makes() -> None:
-    made = gymnasium.make_vec(
-        "afl_mujoco/CartPole-Random-v0", num_envs=3, vectorization_mode="vector_entry_point"
-    )
+    made = gymnasium.make_vec("afl_mujoco/CartPole-Random-v0", num_envs=3, **VECTORISED)
     assert isinstance(made.unwrapped, CartPoleVectorEnv)
     with pytest.raises(gymnasium.error.ResetNeeded):
         made.step(np.zeros((3, 1)))
@@ -407,9 +386,7 @@ def wrapped(name):
 
 
 @pytest.mark.parametrize("name", ["hidden", "action", "statistics", "order", "predict"])
-def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_with(
-    name: str,
-) -> None:
+def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_with(name) -> None:
     environment, predict = wrapped(name)
     policy = policy_controller(predict, environment)
     answer = predict
@@ -432,20 +409,16 @@ def acts_alike(policy, environment, predict) -> int:
     return len(forces)
 
 
-@pytest.mark.parametrize(
-    ("wrap", "message"),
-    [
-        (lambda w, e: w.FrameStackObservation(e, 2), "wrapper FrameStackObservation of the "
-         "environment must change observations or actions one by one"),
-        (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
-         "the environment must depend on the present observation or action alone"),
-        (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
-        (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
-         "must be frozen: set update_running_mean = False"),
-        (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
-    ],
-    ids=["frames", "time", "sticky", "learning", "vector"],
-)  # fmt: skip
+@pytest.mark.parametrize(("wrap", "message"), [
+    (lambda w, e: w.FrameStackObservation(e, 2), "wrapper FrameStackObservation of the "
+     "environment must change observations or actions one by one"),
+    (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
+     "the environment must depend on the present observation or action alone"),
+    (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
+    (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
+     "must be frozen: set update_running_mean = False"),
+    (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
+], ids=["frames", "time", "sticky", "learning", "vector"])  # fmt: skip
 def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match=message):
@@ -496,19 +469,13 @@ PLANTS = {
 
 @pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)
 @pytest.mark.parametrize("parameters", ["observed", "privileged"])
-def test_any_plant_is_an_environment_and_its_vector_has_the_same_bits(
-    scenario: afl.Scenario, parameters: str, rng: np.random.Generator
-) -> None:
+def test_any_plant_is_an_environment_and_its_vector_has_the_same_bits(scenario, parameters, rng):
     settings = {"scenario": scenario, "randomize": True, "parameters": parameters}
     made = gymnasium.make("afl_mujoco/Scenario-v0", **settings)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        check_env(made.unwrapped, skip_render_check=True)
-    ours = gymnasium.make_vec(
-        "afl_mujoco/Scenario-v0", num_envs=4, vectorization_mode="vector_entry_point", **settings
-    )
+    check_env(made.unwrapped, skip_render_check=True)
+    ours = gymnasium.make_vec("afl_mujoco/Scenario-v0", num_envs=4, **VECTORISED, **settings)
     assert isinstance(ours.unwrapped, ScenarioVectorEnv)
-    theirs = SyncVectorEnv([lambda: ScenarioEnv(**settings) for _ in range(4)])
+    theirs = SyncVectorEnv([lambda: ScenarioEnv(**settings)] * 4)
     k = len(scenario.plant.inputs)
     assert stepped([ours], theirs, 80, lambda: rng.uniform(-1.2, 1.2, (4, k))) > 2
 
@@ -558,6 +525,4 @@ def test_a_picture_of_any_plant(scenario: afl.Scenario, graphics: None) -> None:
     settings = {"render_mode": "rgb_array", "width": 120, "height": 80}
     environment = ScenarioEnv(scenario, **settings)
     environment.reset()
-    picture = environment.render()
-    assert picture.shape == (80, 120, 3)
-    assert np.ptp(picture) > 100
+    assert environment.render().shape == (80, 120, 3) and np.ptp(environment.render()) > 100

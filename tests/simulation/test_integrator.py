@@ -1,38 +1,35 @@
-"""The reference integrator restarts at every breakpoint and records how a run ends."""
+"""The integrator restarts at breakpoints and records how a run ends; compiled, it is SciPy's."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate._ivp.common import select_initial_step
 
 import afl_mujoco as afl
+from afl_mujoco.control.controller import LINEAR
+from afl_mujoco.scenario.parameters import MOMENTA, STRETCHING_ROD, ParameterChange
 from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.simulation import integrator as dop853
+from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
+from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
 
 
-def _particle(state, mass, length, push):
-    return state[2], state[3], push / mass, 0.0
-
-
-def _kick(state, mass, length, impulse):
-    return np.array([impulse / mass, 0.0])
-
-
-def _run(scenario, derivative=_particle, jump_at=_kick, period=0.25):
-    times = time_grid(scenario, period)
+def _run(scenario, derivative=lambda s, mass, length, push: (s[2], s[3], push / mass, 0.0)):
+    times = time_grid(scenario, 0.25)
 
     def rate(time, state, segment):
         mass, _, length, _ = segment.values_at(time)
         return derivative(state, mass, length, segment.push[0])
 
     def arrive(state, before, after):
-        mass, _, length, _ = after.values_at(after.start)
-        jump = jump_at(state, mass, length, after.impulse[0])
-        return state + np.array([0.0, 0.0, *jump])
+        mass = after.values_at(after.start)[0]
+        return state + np.array([0.0, 0.0, after.impulse[0] / mass, 0.0])
 
     solver = scipy_solver(rate, criterion_of(scenario))
     states, outcome = integrate(scenario, solver, arrive, times)
@@ -45,8 +42,7 @@ REST = afl.Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
 def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
     pulse = afl.ForcePulse(force=100.0, start=10.0003, duration=0.01)
     times, states, outcome = _run(replace(REST, disturbances=(pulse,)))
-    assert str(outcome) == "completed"
-    assert len(states) == len(times)
+    assert (str(outcome), len(states)) == ("completed", len(times))
     # M = 1 kg: 1 m/s after the pulse, and 5 mm gained within it
     assert states[-1, 2] == pytest.approx(1.0, rel=TIGHT)
     assert states[-1, 0] == pytest.approx(0.005 + 20.0 - 10.0103, rel=TIGHT)
@@ -54,12 +50,8 @@ def test_a_pulse_of_10_ms_on_a_system_at_rest_is_not_missed():
 
 
 def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_jump():
-    hit = afl.Impulse(momentum=3.0, time=5.0)
-    scenario = replace(
-        REST,
-        schedule={**REST.schedule, "cart_mass": afl.staircase((5.0,), (1.0, 2.0))},
-        disturbances=(hit,),
-    )
+    heavier = REST.with_schedule(cart_mass=afl.staircase((5.0,), (1.0, 2.0)))
+    scenario = replace(heavier, disturbances=(afl.Impulse(momentum=3.0, time=5.0),))
     times, states, _ = _run(scenario)
     assert (states[times < 5.0] == 0.0).all()
     assert states[-1, 2] == pytest.approx(1.5, rel=TIGHT)
@@ -68,11 +60,8 @@ def test_an_impulse_jumps_the_velocity_at_its_instant_with_the_mass_after_the_ju
 
 def test_parameters_follow_the_schedule_within_a_segment():
     # z'' = M(t) = 1 + t: z = t^2/2 + t^3/6
-    scenario = replace(
-        REST,
-        schedule={**REST.schedule, "cart_mass": afl.piecewise_linear((0.0, 2.0), (1.0, 3.0))},
-        duration=2.0,
-    )
+    mass = afl.piecewise_linear((0.0, 2.0), (1.0, 3.0))
+    scenario = replace(REST.with_schedule(cart_mass=mass), duration=2.0)
     _, states, _ = _run(scenario, lambda s, mass, length, push: (s[2], s[3], mass, 0.0))
     assert states[-1, 0] == pytest.approx(2.0 + 8.0 / 6.0, rel=TIGHT)
 
@@ -96,15 +85,113 @@ def test_a_divergence_ends_the_run_without_a_nan():
 
 
 def test_a_right_hand_side_without_a_value_at_the_start_ends_the_run():
-    calls = 0
+    calls = iter(range(10_000))  # else the integrator would go on forever
 
     def nothing(state, *_):
-        nonlocal calls
-        calls += 1
-        if calls > 10_000:  # else the integrator would go on forever
-            pytest.fail("the integrator does not end")
+        next(calls)
         return (math.nan,) * 4
 
     _, _, outcome = _run(REST, nothing)
     assert outcome.kind != "completed"
     assert outcome.time == 0.0
+
+
+PUSHES = (afl.ForcePulse(force=-10, start=1.5, duration=0.1), afl.Impulse(momentum=0.3, time=2.5))
+SCENARIO = replace(afl.SCENARIOS["step-trapezoid"], disturbances=PUSHES, duration=4.0)
+PAPER = ParameterChange()
+WHOLE = ParameterChange(dynamics=STRETCHING_ROD, jumps=MOMENTA)
+
+
+def by_scipy(scenario, controller, change=PAPER, period=1e-2, **tolerances):
+    loop = ode.Loop(scenario, change, None, controller)
+    times = time_grid(scenario, period)
+    criterion = criterion_of(scenario)
+    solver = scipy_solver(loop.derivative, criterion, **tolerances)
+    nodes = controller.nodes_within(scenario.spans)
+    return integrate(scenario, solver, loop.arrive, times, nodes=nodes)
+
+
+@pytest.mark.parametrize("change", [PAPER, WHOLE], ids=["paper", "stretching rod"])
+@pytest.mark.parametrize("name", ["adaptive", "adaptive-nominal", "lqr"])
+def test_the_reference_is_scipys_to_its_tolerance(name, change):
+    controller = afl.CONTROLLERS[name]
+    run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **change.describe())
+    states, outcome = by_scipy(SCENARIO, controller, change)
+    assert run.outcome == outcome
+    assert run.state.shape == states.shape
+    assert np.abs(run.state - states).max() < 1e-11
+
+
+def test_steps_are_scipys_at_a_loose_tolerance_too():
+    # where the error control decides: another step size would be seen
+    controller, tolerances = afl.CONTROLLERS["adaptive"], {"rtol": 1e-5, "atol": 1e-7}
+    run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **tolerances)
+    states, _ = by_scipy(SCENARIO, controller, **tolerances)
+    assert np.abs(run.state - states).max() < 1e-9
+
+
+def test_exact_mode_is_scipys_on_mujocos_dynamics():
+    controller = afl.CONTROLLERS["adaptive"]
+    run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
+    model = afl.CartPoleModel(SCENARIO.parameters_at(0.0))
+    loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller, PAPER)
+    solver = scipy_solver(loop, criterion_of(SCENARIO))
+    arrive = mujoco_dynamics.transition(model, SCENARIO, PAPER)
+    states, _ = integrate(SCENARIO, solver, arrive, time_grid(SCENARIO, 1e-2))
+    assert np.abs(run.state - states).max() < 1e-11
+
+
+@pytest.mark.parametrize("start", [(0, 1.2, 0, 3.0), (0, -1.56, 0, -0.01), (0, 0.3, 0, 9.0)])
+def test_a_fall_is_found_when_scipy_finds_it(start):
+    scenario = replace(afl.SCENARIOS["nominal"], initial_state=start)
+    none = afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
+    controller = afl.StateFeedback(name="none", kind=LINEAR, gains=none)
+    run = afl.simulate_ode(scenario, controller)
+    states, outcome = by_scipy(scenario, controller, period=1e-3)
+    assert run.outcome.kind == outcome.kind == "fell"
+    assert run.outcome.time == pytest.approx(outcome.time, abs=1e-11)
+    assert np.abs(run.state - states).max() < 1e-9
+
+
+def test_a_state_at_rest_has_no_error_and_no_number_that_is_none():
+    at_rest = np.zeros((dop853.ROWS, 4))
+    state = np.array([1.0, 0.0, 0.0, 0.0])
+    assert dop853.error_of(0.1, at_rest, state, state, 1e-9, 1e-9) == 0.0
+
+
+@pytest.mark.parametrize("size", [0.0, 1e-9, 1.0, 1e3])
+@pytest.mark.parametrize("rate", [0.0, 1e-9, 1.0, 1e3])
+def test_the_first_step_is_scipys(size, rate):
+    state = size * np.array([1.0, -0.3, 0.5, 0.2])
+    rtol, atol, longest = 1e-9, 1e-11, 0.5
+
+    def rates(_, time, x, out):
+        out[:] = rate * np.array([0.5, np.cos(x[0] + time), -x[1], 1.0])
+
+    slopes, point = np.zeros((dop853.ROWS, 4)), np.zeros(4)
+    rates(None, 0.0, state, slopes[0])
+
+    def rate_of(time, x):
+        rates(None, time, x, out := np.zeros(4))
+        return out
+
+    asked = (rate_of, 0.0, state, 1e9, longest, slopes[0].copy(), 1, 7, rtol, atol)
+    ours = dop853.first_step(rates, None, 0.0, state, longest, slopes, point, rtol, atol)
+    assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)
+
+
+@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_where_a_slope_has_no_value_no_step_is_tried(which, value):
+    asked = []
+
+    def rates(_, time, x, out):
+        asked.append(time)
+        out[:] = 1.0
+        out[which] = value
+
+    work, found = np.full_like(dop853.work_space(4), np.nan), np.empty((1, 4))
+    limits, options = criterion_of(SCENARIO), (1e-9, 1e-9, 1.0)
+    end = (np.ones(4), np.ones(1), options, work, found)
+    assert dop853.solve(rates, None, limits, 0.0, 1.0, *end) == (0, 0.0, dop853.STUCK)
+    assert asked == [0.0]

@@ -18,12 +18,10 @@ def _friction_limits_and_contact(spec):
     spec.joint("phi").frictionloss = 0.01
     pole = spec.geom("pole")
     pole.contype = pole.conaffinity = 1
-    floor = spec.worldbody.add_geom()
-    floor.name = "ground"
-    floor.type = mujoco.mjtGeom.mjGEOM_PLANE
-    floor.size = [5, 5, 0.1]
-    floor.pos = [0, 0, -0.1]
-    floor.contype = floor.conaffinity = 1
+    spec.worldbody.add_geom(
+        name="ground", type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], pos=[0, 0, -0.1],
+        contype=1, conaffinity=1,
+    )  # fmt: skip
 
 
 EDITS = {"plain": None, "friction, limits and contact": _friction_limits_and_contact}
@@ -36,11 +34,8 @@ def plants(rng):
 
 
 def _arrays(model):
-    return {
-        name: value
-        for name in dir(model)
-        if not name.startswith("_") and isinstance(value := getattr(model, name), np.ndarray)
-    }
+    every = {name: getattr(model, name) for name in dir(model) if not name.startswith("_")}
+    return {name: value for name, value in every.items() if isinstance(value, np.ndarray)}
 
 
 def _accelerations(model, states, forces):

@@ -18,19 +18,15 @@ from tests.engine import jump as jump_of
 A1, B2B, B3 = 1e-11, 1e-10, 1e-8
 
 MODES = ("exact", "continuous", "sampled")
-TIPPING = afl.Scenario(
-    name="tipping",
-    schedule={"cart_mass": afl.constant(20.0), "half_length": afl.constant(0.05), "pole_mass": 3.0},
-    duration=2.0,
-)
+TIPPING = afl.Scenario(name="tipping", schedule={
+    "cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0,
+}, duration=2.0)  # fmt: skip
 
 
 @contextmanager
 def at_most(seconds):
-    def give_up(*_):
-        pytest.fail(f"still running after {seconds} s")
-
-    before = signal.signal(signal.SIGALRM, give_up)
+    late = lambda *_: pytest.fail(f"still running after {seconds} s")  # noqa: E731
+    before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
@@ -75,20 +71,16 @@ def _difference(one, other):
 @pytest.mark.parametrize("timestep", [1e-3, 7e-3], ids=str)
 def test_b2b_continuous_mode_is_a_textbook_rk4(odd_scenario, controller, timestep):
     run = afl.simulate_mujoco(odd_scenario, controller, mode="continuous", timestep=timestep)
-    assert (
-        _difference(run, afl.simulate_ode_rk4(odd_scenario, controller, timestep=timestep)) <= B2B
-    )
+    twin = afl.simulate_ode_rk4(odd_scenario, controller, timestep=timestep)
+    assert _difference(run, twin) <= B2B
     assert set(odd_scenario.breakpoints) <= set(run.time.tolist())
 
 
 @pytest.mark.parametrize("hold", [1, 5], ids=["every step", "every fifth step"])
 def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
-    run = afl.simulate_mujoco(
-        odd_scenario, controller, mode="sampled", timestep=1e-3, control_period=hold * 1e-3
-    )
-    held = afl.simulate_ode_held(
-        odd_scenario, controller, timestep=1e-3, control_period=hold * 1e-3
-    )
+    settings = {"timestep": 1e-3, "control_period": hold * 1e-3}
+    run = afl.simulate_mujoco(odd_scenario, controller, mode="sampled", **settings)
+    held = afl.simulate_ode_held(odd_scenario, controller, **settings)
     assert _difference(run, held) <= B3
     held_for = run.force[:-1].reshape(-1, hold)
     assert (held_for == held_for[:, :1]).all()
@@ -97,11 +89,8 @@ def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
 def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive):
     times = tuple(0.0505 + 0.05 * k for k in range(12))  # rounding may put each on either side
     masses = tuple(1.0 + 0.1 * (-1) ** k for k in range(13))
-    scenario = replace(
-        odd_scenario,
-        schedule={**odd_scenario.schedule, "cart_mass": afl.staircase(times, masses)},
-        disturbances=(),
-    )
+    jumps = odd_scenario.with_schedule(cart_mass=afl.staircase(times, masses))
+    scenario = replace(jumps, disturbances=())
     run = afl.simulate_mujoco(scenario, adaptive, mode="sampled")
     assert _difference(run, afl.simulate_ode_held(scenario, adaptive)) <= B3
 
@@ -110,22 +99,17 @@ def test_b3_holds_with_jumps_in_the_very_middle_of_steps(odd_scenario, adaptive)
 def test_an_impulse_acts_at_its_instant_wherever_it_lies(smooth_scenario, time):
     """The cart is free, so that it moves by a known way; held steps of 100 ms would hide 40 ms."""
     alone = replace(
-        smooth_scenario,
-        schedule={**smooth_scenario.schedule, "pole_mass": 1e-9, "cart_mass": afl.constant(2.0)},
-        duration=0.8,
-        initial_state=(0.0, 0.0, 0.0, 0.0),
-        disturbances=(afl.Impulse(momentum=1.0, time=time),),
-    )
+        smooth_scenario.with_schedule(pole_mass=1e-9, cart_mass=2.0), duration=0.8,
+        initial_state=(0, 0, 0, 0), disturbances=(afl.Impulse(momentum=1.0, time=time),),
+    )  # fmt: skip
     run = afl.simulate_mujoco(alone, lambda t, x, b: 0.0, timestep=1e-3)
     after = np.maximum(run.time - time, 0.0)
     np.testing.assert_allclose(run.state[:, 0], 0.5 * after, rtol=0, atol=1e-7)
 
 
 def test_an_impulse_during_the_last_step_is_neither_lost_nor_early(smooth_scenario, adaptive):
-    hit = afl.Impulse(momentum=1.0, time=0.7995)
-    scenario = replace(smooth_scenario, disturbances=(hit,))
-    disturbed = afl.simulate_mujoco(scenario, adaptive, mode="sampled")
-    calm = afl.simulate_mujoco(smooth_scenario, adaptive, mode="sampled")
+    scenario = replace(smooth_scenario, disturbances=(afl.Impulse(momentum=1.0, time=0.7995),))
+    disturbed, calm = (afl.simulate_mujoco(s, adaptive) for s in (scenario, smooth_scenario))
     assert abs(disturbed.state[-1, 2] - calm.state[-1, 2]) > 0.1
 
 
@@ -201,8 +185,7 @@ def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
 
     scenario = afl.Scenario(name="short", initial_state=(0.0, 0.3, 0.0, 0.0), duration=1.0)
     rough = replace(scenario, imperfections=afl.Imperfections(dry_friction={"z": 2.0}))
-    edited = afl.simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub)
-    described = afl.simulate_mujoco(rough, "fixed", mode="sampled")
-    np.testing.assert_array_equal(edited.state, described.state)
-    smooth = afl.simulate_mujoco(scenario, "fixed", mode="sampled")
-    assert not np.array_equal(edited.state, smooth.state)
+    edited = afl.simulate_mujoco(scenario, "fixed", mode="sampled", edit=rub).state
+    described, smooth = (afl.simulate_mujoco(one, "fixed").state for one in (rough, scenario))
+    np.testing.assert_array_equal(edited, described)
+    assert not np.array_equal(edited, smooth)

@@ -48,12 +48,11 @@ def test_poses_are_those_of_a_model_that_is_compiled_with_the_length_of_the_inst
     assert len(centres) == len(turns) == len(sizes) == run["frames"] == 3 * FPS + 1
     for frame in (0, 45, 90):
         length = float(LENGTHS(np.array([frame / FPS]))[0])
-        text = QUADROTOR.read_text(encoding="utf-8")
+        text, load = QUADROTOR.read_text(encoding="utf-8"), 'size="0.06" pos="0 0 '
         for old, new in (
-            ("0.005 0.25", f"0.005 {length / 2}"),
-            ("0 -0.25", f"0 {-length / 2}"),
-            ('size="0.06" pos="0 0 -0.5"', f'size="0.06" pos="0 0 {-length}"'),
-        ):
+            ("0.005 0.25", f"0.005 {length / 2}"), ("0 -0.25", f"0 {-length / 2}"),
+            (f'{load}-0.5"', f'{load}{-length}"'),
+        ):  # fmt: skip
             assert old in text
             text = text.replace(old, new)
         m = mujoco.MjModel.from_xml_string(text)
@@ -114,13 +113,10 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
     assert max(data["view"]) < 6.0  # of a plant of 1 m
 
 
-@pytest.mark.parametrize(
-    ("spread", "right", "up"),
-    [((1, 0, 1), 0, 2), ((0, 1, 1), 1, 2), ((1, 1, 0), 0, 1), ((1, 0, 0), 0, 2)],
-)
-def test_a_plant_is_seen_across_the_plane_in_which_it_moves(
-    spread: tuple[int, ...], right: int, up: int
-) -> None:
+@pytest.mark.parametrize(("spread", "right", "up"), [
+    ((1, 0, 1), 0, 2), ((0, 1, 1), 1, 2), ((1, 1, 0), 0, 1), ((1, 0, 0), 0, 2),
+])  # fmt: skip
+def test_a_plant_is_seen_across_the_plane_in_which_it_moves(spread, right, up) -> None:
     points = np.linspace(0.0, 1.0, 9)[:, None, None] * np.array(spread, dtype=np.float64)
     axes = plane_of([points])
     assert [int(np.argmax(axes[0])), int(np.argmax(axes[1]))] == [right, up]

@@ -120,6 +120,10 @@ COURSE = {
 START = {"phi": 0.3, "phi_dot": 0.5}
 
 
+def off(*_):
+    return 0.0
+
+
 def hold(time, state, belief):
     return float(np.dot((11.0, -187.0, 22.0, -56.5), state))
 
@@ -148,11 +152,9 @@ def test_as_deployed_the_error_falls_with_the_square_of_the_step_kinks_included(
         name="s", plant=STRUT, duration=1.0, schedule={"reach": lengths, "tip": lengths},
         initial_state={"phi": 0.3, "psi": -0.2, "psi_dot": 1.0},
     )  # fmt: skip
-    exact = afl.simulate_mujoco(own, lambda *_: 0.0, mode="exact").state[-1]
-    errors = [
-        np.abs(afl.simulate_mujoco(own, lambda *_: 0.0, timestep=h).state[-1] - exact).max()
-        for h in (2e-3, 1e-3, 5e-4)
-    ]
+    exact = afl.simulate_mujoco(own, off, mode="exact").state[-1]
+    runs = [afl.simulate_mujoco(own, off, timestep=h) for h in (2e-3, 1e-3, 5e-4)]
+    errors = [np.abs(run.state[-1] - exact).max() for run in runs]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     np.testing.assert_allclose(orders, 2.0, atol=0.2)
 
@@ -209,7 +211,7 @@ def crane(load) -> afl.Scenario:
 @pytest.mark.parametrize("at", [0.5, 0.8])
 def test_a_load_that_joins_at_rest_keeps_the_momenta_of_a_cable_that_is_reeled_in(at) -> None:
     scenario = crane(afl.staircase([at], [3.0, 8.0]))
-    exact = afl.simulate_mujoco(scenario, lambda *_: 0.0, mode="exact", timestep=1e-3)
+    exact = afl.simulate_mujoco(scenario, off, mode="exact", timestep=1e-3)
 
     def momenta(k: int, load: float, rate: float) -> np.ndarray:
         (_, swing, x_dot, swing_dot), length = exact.state[k], exact.parameters["length"][k]
@@ -221,26 +223,23 @@ def test_a_load_that_joins_at_rest_keeps_the_momenta_of_a_cable_that_is_reeled_i
     after, before = momenta(k, 8.0, -1.0 if at < 0.8 else 0.5), momenta(k - 1, 3.0, -1.0)
     np.testing.assert_allclose(after, before, atol=0.05)
     assert 5.0 * abs(np.sin(exact.state[k, 1])) > 0.5  # what the rate carries of a load that joins
-    ode = afl.simulate_ode(scenario, lambda *_: 0.0, sample_period=1e-3)
+    ode = afl.simulate_ode(scenario, off, sample_period=1e-3)
     np.testing.assert_allclose(ode.state, exact.state, atol=1e-9)
-    errors = [
-        np.abs(afl.simulate_mujoco(scenario, lambda *_: 0.0, timestep=h).state[-1] - ode.state[-1])
-        for h in (1e-3, 5e-4)
-    ]
-    assert errors[1].max() < 0.6 * errors[0].max() < 1e-2
+    runs = [afl.simulate_mujoco(scenario, off, timestep=h) for h in (1e-3, 5e-4)]
+    coarse, fine = (np.abs(run.state[-1] - ode.state[-1]).max() for run in runs)
+    assert fine < 0.6 * coarse < 1e-2
 
 
 def test_a_heavy_load_is_hoisted_like_a_light_one() -> None:
     scenario = crane(1234.5)
-    exact = afl.simulate_mujoco(scenario, lambda *_: 0.0, mode="exact", timestep=1e-3)
-    ode = afl.simulate_ode(scenario, lambda *_: 0.0, sample_period=1e-3)
+    exact = afl.simulate_mujoco(scenario, off, mode="exact", timestep=1e-3)
+    ode = afl.simulate_ode(scenario, off, sample_period=1e-3)
     np.testing.assert_allclose(ode.state, exact.state, rtol=1e-8, atol=1e-8)
-    afl.simulate_mujoco(scenario, lambda *_: 0.0)
+    afl.simulate_mujoco(scenario, off)
 
 
 def test_a_length_that_jumps_though_its_rate_enters_is_remarked_on() -> None:
     jump = afl.staircase([0.5], [2.0, 2.5])
     own = afl.Scenario(name="jump", plant=CRANE, duration=1.0, schedule={"length": jump})
-    run = afl.simulate_mujoco(own, lambda *_: 0.0)
-    (remark, *_) = remarks_on(run, own, as_controller(lambda *_: 0.0))
+    (remark, *_) = remarks_on(afl.simulate_mujoco(own, off), own, as_controller(off))
     assert remark.startswith("length jumps at 0.5 s, which only a ramp can make do work")

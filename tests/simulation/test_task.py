@@ -1,4 +1,4 @@
-"""The dm_control environment: the plant, the contract."""
+"""The dm_control environment: the plant, the contract, the pictures."""
 
 import copy
 import math
@@ -27,37 +27,31 @@ def _short(name: str, duration: float, **changes) -> afl.Scenario:
     return replace(afl.SCENARIOS[name], **({"disturbances": ()} | changes), duration=duration)
 
 
+PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
 CASES = {
     "jumps": _short("step-step", 1.2),
     "ramps": _short("trapezoid-trapezoid", 2.2),
-    "pulse": _short(
-        "step-trapezoid", 0.8, disturbances=(afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),)
-    ),
-    "impulses": _short(
-        "step-step",
-        1.4,
-        disturbances=(
-            afl.Impulse(momentum=0.4, time=0.0),
-            afl.Impulse(momentum=-1.0, time=1.0),  # together with a jump of M and l
-            afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
-        ),
-    ),
+    "pulse": _short("step-trapezoid", 0.8, disturbances=(PULSE,)),
+    "impulses": _short("step-step", 1.4, disturbances=(
+        afl.Impulse(momentum=0.4, time=0.0),
+        afl.Impulse(momentum=-1.0, time=1.0),  # together with a jump of M and l
+        afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
+    )),
     "off-grid breakpoints": _short("nominal", 1.2).with_schedule(
         cart_mass=afl.staircase((0.3337,), (1.0, 2.0)),
         half_length=afl.piecewise_linear((0.1003, 0.9999), (0.5, 0.2)),
-        pole_mass=0.07,
-        gravity=3.7,
+        pole_mass=0.07, gravity=3.7,
     ),
-}
+}  # fmt: skip
 
 
 def _states(environment, policy) -> np.ndarray:
-    step = environment.reset()
-    seen = [np.concatenate([step.observation["position"], step.observation["velocity"]])]
-    while not step.last():
+    step, seen = environment.reset(), []
+    while True:
+        seen.append([*step.observation["position"], *step.observation["velocity"]])
+        if step.last():
+            return np.array(seen)
         step = environment.step(policy(step))
-        seen.append(np.concatenate([step.observation["position"], step.observation["velocity"]]))
-    return np.array(seen)
 
 
 ROUGH = afl.Imperfections(
@@ -73,22 +67,19 @@ AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_per
 @pytest.mark.parametrize("name", ["adaptive", "lqr"])
 def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
     """What the agent sees is measured, so the true states are compared."""
-    scenario = replace(
-        _short("step-step-impulse", 1.2, initial_state=(0.0, 0.3, 0.0, 0.0), disturbances=()),
-        imperfections=ROUGH,
-    )
+    start = (0.0, 0.3, 0.0, 0.0)
+    scenario = _short("step-step", 1.2, initial_state=start, imperfections=ROUGH)
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP}
     controller = afl.CONTROLLERS[name]
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario)
     for _ in range(2):  # nothing is left of the first episode in the second
-        step, states, forces = environment.reset(), [], []
-        states.append([*environment.physics.position(), *environment.physics.velocity()])
+        step = environment.reset()
+        states = [[*environment.physics.position(), *environment.physics.velocity()]]
         while not step.last():
             step = environment.step(policy(step))
             states.append([*environment.physics.position(), *environment.physics.velocity()])
-            forces.append(environment.physics.control()[0])
         count = min(len(states), len(reference.state[::hold]))
         np.testing.assert_array_equal(states[:count], reference.state[::hold][:count])
         assert count > 100
@@ -110,9 +101,8 @@ def test_each_episode_can_be_another_sample_of_the_scenarios_ranges():
         fresh = afl.load(scenario, control_period=0.02)
         other = fresh.reset()
         for _ in range(10):
-            np.testing.assert_array_equal(
-                [*step.observation["position"]], [*other.observation["position"]]
-            )
+            one, twin = (x.observation["position"] for x in (step, other))
+            np.testing.assert_array_equal(one, twin)
             if step.last():
                 break
             step, other = environment.step([5.0]), fresh.step([5.0])
@@ -148,9 +138,7 @@ def test_the_controller_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(
 
 
 def test_a_controller_in_python_gets_the_time():
-    controller = PythonController(
-        name="clock", function=lambda time, state, belief: 5.0 * np.sin(20.0 * time)
-    )
+    controller = PythonController(name="clock", function=lambda t, x, p: 5.0 * np.sin(20.0 * t))
     impulses = (afl.Impulse(momentum=0.1, time=0.0), afl.Impulse(momentum=-0.1, time=0.1234))
     start = (0.0, 0.1, 0.0, 0.0)
     scenario = _short("step-step", 0.3, initial_state=start, disturbances=impulses)
@@ -159,8 +147,7 @@ def test_a_controller_in_python_gets_the_time():
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario, control_period=10 * TIMESTEP)
     for _ in range(2):  # the second episode begins at 0 again
-        states = _states(environment, policy)
-        np.testing.assert_array_equal(states, reference.state[::10])
+        np.testing.assert_array_equal(_states(environment, policy), reference.state[::10])
     with pytest.raises(InvalidValueError, match=r"^control_period must be given for 'clock'$"):
         controller_policy(controller, scenario)
 
@@ -177,9 +164,8 @@ def test_the_parameters_observed_are_those_after_the_jump_at_that_instant():
 
 
 def test_the_plant_changes_at_every_physics_step_and_the_model_shows_the_present_one():
-    scenario = _short("nominal", 1.0).with_schedule(
-        half_length=afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
-    )
+    ramp = afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
+    scenario = _short("nominal", 1.0).with_schedule(half_length=ramp)
     physics = afl.load(scenario).physics
     for steps in (1, 3, 250):
         physics.step(steps)
@@ -192,11 +178,9 @@ def test_the_plant_changes_at_every_physics_step_and_the_model_shows_the_present
         assert tip[2] == pytest.approx(2.0 * length * math.cos(phi), abs=1e-14)  # round-off
 
 
-@pytest.mark.parametrize(
-    "duplicate",
-    [lambda p: p.copy(), copy.deepcopy, lambda p: pickle.loads(pickle.dumps(p))],
-    ids=["copy", "deepcopy", "pickle"],
-)
+@pytest.mark.parametrize("duplicate", [
+    lambda p: p.copy(), copy.deepcopy, lambda p: pickle.loads(pickle.dumps(p)),
+], ids=["copy", "deepcopy", "pickle"])  # fmt: skip
 def test_a_copy_of_the_physics_goes_on_alone_from_the_same_instant(duplicate):
     scenario = replace(CASES["ramps"], imperfections=ROUGH)
     physics = afl.load(scenario, integrator="Euler").physics
@@ -225,25 +209,28 @@ def test_what_would_tear_model_and_scenario_apart_is_refused():
 
 
 def test_the_initial_perturbation_is_seeded_bounded_and_only_of_the_angle():
-    starts = [
-        afl.load(initial_noise=0.1, random=seed).reset().observation
-        for seed in (1, 1, 2, np.random.RandomState(1))
-    ]
-    phi = [start["position"][1] for start in starts]
+    seeds = (1, 1, 2, np.random.RandomState(1))
+    noisy = [afl.load(initial_noise=0.1, random=seed) for seed in seeds]
+    z, phi = np.transpose([one.reset().observation["position"] for one in noisy])
     assert phi[0] == phi[1] == phi[3] != phi[2]
-    assert all(abs(angle + math.pi / 3) < 0.1 for angle in phi)
-    assert all(start["position"][0] == 0.0 for start in starts)
+    assert (np.abs(phi + math.pi / 3) < 0.1).all() and not z.any()
     environment = afl.load(initial_noise=0.1, random=1)
     angles = {environment.reset().observation["position"][1] for _ in range(5)}
     assert len(angles) == 5  # another one in each episode
     assert afl.load().reset().observation["position"][1] == -math.pi / 3
 
 
+def played(environment, force):
+    """The last step of an episode under one force, and how many there were."""
+    step, count = environment.reset(), 0
+    while not step.last():
+        step, count = environment.step([force]), count + 1
+    return step, count
+
+
 def test_an_episode_ends_where_the_pole_falls_with_discount_zero():
     environment = afl.load(control_period=0.01)
-    step = environment.reset()
-    while not step.last():
-        step = environment.step([0.0])
+    step, _ = played(environment, 0.0)
     assert abs(step.observation["position"][1]) >= FALL_ANGLE
     assert step.discount == 0.0
     assert environment.physics.time() < 1.0
@@ -253,9 +240,7 @@ def test_an_episode_ends_where_the_pole_falls_with_discount_zero():
 def test_an_episode_ends_where_the_state_diverges_with_reward_zero():
     light = _short("nominal", 1.0).with_schedule(cart_mass=1e-3, pole_mass=1e-5)
     environment = afl.load(light, force_limit=9e5, control_period=0.1)
-    step = environment.reset()
-    while not step.last():
-        step = environment.step([9e5])
+    step, _ = played(environment, 9e5)
     assert environment.physics.diverged()
     assert (step.reward, step.discount) == (0.0, 0.0)
     before = environment.physics.get_state()
@@ -267,9 +252,7 @@ def test_an_episode_ends_where_the_state_diverges_with_reward_zero():
 def test_an_episode_lasts_the_duration_rounded_up_to_whole_periods(period):
     scenario = _short("nominal", 0.3, initial_state=(0, 0, 0, 0))
     environment = afl.load(scenario, control_period=period)
-    step, count = environment.reset(), 0
-    while not step.last():
-        step, count = environment.step([0.0]), count + 1
+    step, count = played(environment, 0.0)
     assert count == math.ceil(round(0.3 / period, 9))
     assert step.discount == 1.0
 
@@ -279,11 +262,9 @@ def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
     environment.reset()
     environment.step([7.0])
     assert environment.physics.control().tolist() == [5.0]
-    run = afl.simulate_mujoco(afl.SCENARIOS["nominal"], afl.CONTROLLERS["adaptive"], "sampled")
     spec = afl.load().action_spec()
-    assert np.abs(run.force).max() < 0.1 * spec.maximum
-    assert spec.shape == (1,)
-    assert spec.dtype == np.float64
+    assert np.abs(afl.simulate_mujoco("nominal", "adaptive").force).max() < 0.1 * spec.maximum
+    assert (spec.shape, spec.dtype) == ((1,), np.float64)
 
 
 @pytest.mark.parametrize("action", [[math.nan], [math.inf], [1.0, 2.0], 1.0], ids=str)
@@ -295,10 +276,8 @@ def test_an_action_that_is_no_force_is_refused(action):
 
 
 def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
-    z, phi, force = np.meshgrid(
-        np.linspace(-10, 10, 41), np.linspace(-2, 2, 41), np.linspace(-1e3, 1e3, 41)
-    )
-    values = reward(z, phi, force)
+    axes = (np.linspace(-most, most, 41) for most in (10, 2, 1e3))
+    values = reward(*np.meshgrid(*axes))
     assert values.min() > 0.0
     assert values.max() == reward(0.0, 0.0, 0.0) == 1.0
     assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
@@ -330,14 +309,8 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     ({"environment_kwargs": {"time_limit": -1}}, "time_limit must be positive, got -1"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, message):
-    with pytest.raises((InvalidValueError, UnknownNameError), match=f"^{message}") as caught:
+    with pytest.raises((InvalidValueError, UnknownNameError), match=rf"^{message}.*\Z"):
         afl.load(**settings)
-    assert "\n" not in str(caught.value)
-
-
-def test_a_scenario_file_loads_like_a_name(tmp_path):
-    afl.save_scenario(CASES["pulse"], tmp_path / "mine.toml")
-    assert afl.load(tmp_path / "mine.toml").physics.scenario == CASES["pulse"]
 
 
 def test_without_observed_parameters_the_controller_names_what_is_missing():
@@ -358,7 +331,7 @@ class TestContract(test_utils.EnvironmentTestMixin, absltest.TestCase):
             yield self.make_action()
 
 
-def run_without(package: str, *lines: str) -> list[str]:
+def run_without(package, *lines):
     text = "\n".join([f"import sys; sys.modules['{package}'] = None", "import afl_mujoco", *lines])
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
@@ -375,10 +348,55 @@ def test_without_dm_control_one_line_says_what_installs_it() -> None:
 
 
 def test_without_gymnasium_one_line_says_what_installs_it() -> None:
-    said = run_without(
-        "gymnasium",
-        "from afl_mujoco.simulation.gym_env.registration import register",
-        *("try: register()", SAYS),
-        *("try: import afl_mujoco.simulation.gym_env.environment", SAYS),
-    )
+    package = "afl_mujoco.simulation.gym_env"
+    lines = ("try: register()", SAYS, f"try: import {package}.environment", SAYS)
+    said = run_without("gymnasium", f"from {package}.registration import register", *lines)
     assert said == ["Gymnasium is not installed: pip install afl-mujoco[gym]"] * 2
+
+
+CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)
+
+
+def _pole_pixels(picture: np.ndarray) -> np.ndarray:
+    red, _, blue = picture.astype(int).transpose(2, 0, 1)
+    return np.argwhere(red - blue > 60)  # cart, track and sky are bluish or grey
+
+
+@pytest.mark.parametrize("half_length", [0.2, 0.5, 1.0])
+def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, half_length):
+    physics = afl.load(CALM.with_schedule(half_length=half_length)).physics
+    extents = []
+    for z in (0.0, 7.0):
+        physics.begin((z, -math.pi / 3, 0.0, 0.0))
+        seen = _pole_pixels(physics.render(240, 320, camera_id="side"))
+        assert seen.min() > 0
+        assert (seen.max(axis=0) < (239, 319)).all()
+        extents.append(np.ptp(seen, axis=0))
+    assert np.abs(extents[0] - extents[1]).max() <= 1  # the camera follows; edges round to a pixel
+
+
+def test_a_picture_shows_the_length_of_its_instant(graphics):
+    growing = CALM.with_schedule(half_length=afl.staircase((0.5,), (0.3, 0.9)))
+    scenario = replace(growing, initial_state=(0, 0, 0, 0))
+    environment = afl.load(scenario, control_period=0.1)
+    environment.reset()
+    heights = []
+    for _ in range(6):
+        picture = environment.physics.render(240, 320, camera_id="side")
+        heights.append(np.ptp(_pole_pixels(picture)[:, 0]))
+        environment.step([0.0])
+    assert len(set(heights[:5])) == 1
+    assert heights[5] > 2.0 * heights[0]
+
+
+def test_pictures_leave_the_simulation_alone(graphics):
+    hits = (afl.Impulse(momentum=0.4, time=0.0), afl.Impulse(momentum=-1.0, time=1.0))
+    scenario = replace(afl.SCENARIOS["step-step"], duration=2.0, disturbances=hits)
+    environment, watched = (afl.load(scenario, control_period=0.05) for _ in range(2))
+    for env in (environment, watched):
+        env.reset()
+    for force in np.linspace(20.0, -5.0, 20):
+        watched.physics.render(60, 80, camera_id="side")
+        for env in (environment, watched):
+            env.step([force])
+        np.testing.assert_array_equal(watched.physics.state(), environment.physics.state())

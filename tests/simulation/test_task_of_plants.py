@@ -1,7 +1,6 @@
 """The dm_control environment of plants that are not the cart-pole."""
 
 import pickle
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,11 +29,10 @@ PLANTS = {
 def scenario_of(name: str, **changes: object) -> afl.Scenario:
     """Return a short run of a plant near its target, with a jump and a disturbance."""
     given = PLANTS[name]
-    scenario = afl.Scenario(
-        name="short", plant=known(name), schedule=given["schedule"], disturbances=(given["push"],),
-        initial_state=given["start"], duration=1.0,
-    )  # fmt: skip
-    return replace(scenario, **changes)
+    return afl.Scenario(**{
+        "name": "short", "plant": known(name), "schedule": given["schedule"], "duration": 1.0,
+        "disturbances": (given["push"],), "initial_state": given["start"], **changes,
+    })  # fmt: skip
 
 
 ROUGH = afl.Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
@@ -50,8 +48,8 @@ def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name, imper
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario)
     for _ in range(2):
-        step, states = environment.reset(), []
-        states.append(environment.physics.true_state())
+        step = environment.reset()
+        states = [environment.physics.true_state()]
         while not step.last():
             step = environment.step(policy(step))
             states.append(environment.physics.true_state())

@@ -11,18 +11,17 @@ import pytest
 from afl_mujoco import Outcome, Trajectory, simulate_ode_rk4
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
+from tests.messages import line
 
 ARRAYS = ("time", "state", "input", "command")
 
 
 def _made(**changes):
     fields = {
-        "time": np.linspace(0, 1, 3),
-        "state": np.arange(12.0).reshape(3, 4),
-        "input": np.zeros(3),
+        "time": np.linspace(0, 1, 3), "state": np.arange(12.0).reshape(3, 4), "input": np.zeros(3),
         "parameters": {"cart_mass": np.ones(3), "half_length": np.ones(3)},
         "outcome": Outcome("completed", 1.0),
-    }
+    }  # fmt: skip
     return Trajectory(**{**fields, **changes})
 
 
@@ -57,26 +56,18 @@ def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
     assert back.outcome == run.outcome
     assert back.provenance == run.provenance
     assert back.simulator == "ode RK4"
-
-
-def test_the_provenance_says_what_was_run(saved):
-    provenance = saved[0].provenance
+    provenance = run.provenance
     assert provenance["scenario"]["name"] == "smooth"
     assert provenance["controller"]["name"] == "adaptive"
     assert provenance["settings"] == {"timestep": 0.01}
     assert set(provenance["versions"]) >= {"afl_mujoco", "mujoco", "numpy", "scipy"}
 
 
-def _folder(path):
-    path.unlink()
-    path.mkdir()
-
-
 NO_TRAJECTORY = "is not a saved trajectory"
 OBJECTS = {name: np.array([object()]) for name in ARRAYS}
 SPOILED = {
     "missing": (lambda p: p.unlink(), "cannot be read: no such file or directory"),
-    "folder": (_folder, "cannot be read: is a directory"),
+    "folder": (lambda p: (p.unlink(), p.mkdir()), "cannot be read: is a directory"),
     "empty": (lambda p: p.write_bytes(b""), NO_TRAJECTORY),
     "garbage": (lambda p: p.write_bytes(bytes(range(256))), NO_TRAJECTORY),
     "pickle": (lambda p: p.write_bytes(pickle.dumps({"time": [0.0]})), NO_TRAJECTORY),
@@ -90,12 +81,8 @@ SPOILED = {
 def test_a_file_that_holds_no_trajectory_is_said_so(spoil, message, saved):
     _, path = saved
     spoil(path)
-    with pytest.raises(FileError) as caught:
+    with pytest.raises(FileError, match=line(f"{path} {message}", ...)):
         Trajectory.load(path)
-    said = str(caught.value)
-    assert said.startswith(f"{path} {message}")
-    assert "\n" not in said
-    del caught
     gc.collect()  # a file left open is a warning, hence an error, here and not in a later test
 
 
