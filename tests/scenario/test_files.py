@@ -112,40 +112,26 @@ HIT = "[[disturbances]]\nshape = "
         ("", "must have at least one key: it is empty or all comments"),
         ("half_length = 1", "half_length is not a known key; it is now [schedule] half_length"),
         ("delay = 1", "delay is not a known key; it belongs in [imperfections]"),
-        (
-            "[imperfections]\nnoise_phi = 1e-3",
-            "imperfections.noise_phi is not a known key; it is now noise = { phi = ... }",
-        ),
-        (
-            "[schedule]\nduration = 1",
-            "schedule name must be one of cart_mass, pole_mass, half_length, gravity, got 'dur",
-        ),
-        (
-            "[requirements]\ncontrol_period = 1",
-            "requirements.control_period is not a known key; it belongs in [imperfections]",
-        ),
+        ("[imperfections]\nnoise_phi = 1e-3",
+         "imperfections.noise_phi is not a known key; it is now noise = { phi = ... }"),
+        ("[schedule]\nduration = 1",
+         "schedule name must be one of cart_mass, pole_mass, half_length, gravity, got 'dur"),
+        ("[requirements]\ncontrol_period = 1",
+         "requirements.control_period is not a known key; it belongs in [imperfections]"),
         ("mass = 1", "mass is not a known key; known keys: name, plant, duration, "),
         ("replay = 1", "replay must be a table"),
-        (
-            "[replay]\nlaw = 'x'",
-            "replay.law is not a known key; known keys: controller, integrator",
-        ),
+        ("[replay]\nlaw = 'x'",
+         "replay.law is not a known key; known keys: controller, integrator"),
         ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("schedule.pole_mass = -0.1", "schedule.pole_mass must be positive, got -0.1"),
         ("schedule.pole_mass = 1e300", "schedule.pole_mass must lie in 1e-09 to 1e+09, got 1e+300"),
         ("[schedule]\nhalf_length = 1e-300", "schedule.half_length must lie in 1e-09 to 1e+09"),
-        (
-            "initial_state = [0, 0, 0, -1e300]",
-            "initial_state must lie in -1e+06 to 1e+06, got -1e+300",
-        ),
-        (
-            "initial_state = [0, -60, 0, 0]",
-            "initial_state phi must lie in -2 pi to 2 pi rad (-60 degrees is -1.0472 rad), got -60",
-        ),
-        (
-            "duration = 12\nimperfections.delay = 12",
-            "imperfections.delay must be shorter than the duration, 12 s, got 12 s",
-        ),
+        ("initial_state = [0, 0, 0, -1e300]",
+         "initial_state must lie in -1e+06 to 1e+06, got -1e+300"),
+        ("initial_state = [0, -60, 0, 0]",
+         "initial_state phi must lie in -2 pi to 2 pi rad (-60 degrees is -1.0472 rad), got -60"),
+        ("duration = 12\nimperfections.delay = 12",
+         "imperfections.delay must be shorter than the duration, 12 s, got 12 s"),
         ("schedule.pole_mass = nan", "schedule.pole_mass.value must be finite, got nan"),
         ("schedule.pole_mass = '1'", "schedule.pole_mass must be a number or a table, got '1'"),
         ("duration = 2024-01-01", "duration must be a number, got "),
@@ -156,48 +142,32 @@ HIT = "[[disturbances]]\nshape = "
         ("schedule = 3", "schedule must be a table, got 3"),
         ("schedule.cart_mass = true", "schedule.cart_mass must be a number or a table, got True"),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
-        (
-            TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
-            "schedule.cart_mass.times must increase, got 3.0 after 5.0",
-        ),
+        (TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
+         "schedule.cart_mass.times must increase, got 3.0 after 5.0"),
         (TABLE + "'staircase'\ntimes = 1\nvalues = [1]", "schedule.cart_mass.times must be a list"),
-        (
-            TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
-            "schedule.cart_mass.high is not a known key; known keys: shape, times, values",
-        ),
-        (
-            TABLE + "'trapezoid'\ntimes = [0, 1, 2, 3]\nlow = nan\nhigh = 2",
-            "schedule.cart_mass.low must be finite, got nan",
-        ),
-        (
-            TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
-            "schedule.cart_mass.pieces[0].values is missing",
-        ),
+        (TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
+         "schedule.cart_mass.high is not a known key; known keys: shape, times, values"),
+        (TABLE + "'trapezoid'\ntimes = [0, 1, 2, 3]\nlow = nan\nhigh = 2",
+         "schedule.cart_mass.low must be finite, got nan"),
+        (TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
+         "schedule.cart_mass.pieces[0].values is missing"),
         ("disturbances = 3", "disturbances must be a list, got 3"),
         ("disturbances = [3]", "disturbances[0] must be a table, got 3"),
         (HIT + "'kick'", "disturbances[0].shape must be one of pulse, impulse, got 'kick'"),
-        (
-            HIT + "'impulse'\nmomentum = inf\ntime = 1",
-            "disturbances[0].momentum must be finite, got inf",
-        ),
-        (
-            HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
-            "disturbance must end within the duration 20.0 s, got 21.0",
-        ),
+        (HIT + "'impulse'\nmomentum = inf\ntime = 1",
+         "disturbances[0].momentum must be finite, got inf"),
+        (HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
+         "disturbance must end within the duration 20.0 s, got 21.0"),
         ("name = ", "is not valid TOML: "),
-        (
-            "[disturbances]\nshape = 'pulse'",
-            "disturbances must be a list of tables, each of which begins with [[disturbances]], ",
-        ),
-        (
-            "[imperfections]\ndifferentiated = True",
-            "is not valid TOML: Invalid value (at line 2, column 18); values are written true, ",
-        ),
+        ("[disturbances]\nshape = 'pulse'",
+         "disturbances must be a list of tables, each of which begins with [[disturbances]], "),
+        ("[imperfections]\ndifferentiated = True",
+         "is not valid TOML: Invalid value (at line 2, column 18); values are written true, "),
         ("duration = " + 5000 * "1", "must not hold a whole number of so many digits"),
         ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),
     ],
     ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
-)
+)  # fmt: skip
 def test_the_message_names_file_key_and_value(text, message, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text(text)
@@ -214,21 +184,19 @@ def test_find_takes_a_name_or_a_file(tmp_path):
     assert afl.find_scenario(str(tmp_path / "mine.toml")) == afl.SCENARIOS["step-step"]
 
 
-RUNS = {
-    "simulate_mujoco": afl.simulate_mujoco,
-    "simulate_ode": afl.simulate_ode,
-    "simulate_ode_rk4": afl.simulate_ode_rk4,
-    "simulate_ode_held": afl.simulate_ode_held,
-    "run_rollouts": lambda scenario, controller: afl.run_rollouts([scenario], controller),
-}
+def rollouts(scenario, controller):
+    return afl.run_rollouts([scenario], controller)
 
 
-@pytest.mark.parametrize("run", RUNS.values(), ids=RUNS)
+SIMULATORS = (afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_rk4, afl.simulate_ode_held)
+
+
+@pytest.mark.parametrize("run", [*SIMULATORS, rollouts])
 def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     scenario = afl.Scenario(name="mine", duration=0.02)
     afl.save_scenario(scenario, path := tmp_path / "mine.toml")
     of_path, of_text, of_object = (run(x, "lqr") for x in (path, str(path), scenario))
-    last = "end_time" if run is RUNS["run_rollouts"] else "state"
+    last = "end_time" if run is rollouts else "state"
     for found in (of_path, of_text):
         np.testing.assert_array_equal(getattr(found, last), getattr(of_object, last))
     with pytest.raises(afl.AflMujocoError, match="did you mean nominal"):

@@ -7,6 +7,7 @@ import pytest
 
 from afl_mujoco import CartPoleParameters
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from tests.messages import line
 
 FIELDS = ("cart_mass", "pole_mass", "half_length", "gravity")
 
@@ -30,9 +31,8 @@ def test_the_defaults_are_the_nominal_plant_of_the_paper():
     pytest.param([1.0], "must be a number, got [1.0]", id="list"),
 ])  # fmt: skip
 def test_a_value_that_breaks_a_rule_is_refused_by_name(name, value, message):
-    with pytest.raises(InvalidValueError) as caught:
+    with pytest.raises(InvalidValueError, match=line(f"{name} {message}")) as caught:
         CartPoleParameters(**{name: value})
-    assert str(caught.value) == f"{name} {message}"
     assert caught.value.thing == name
 
 
