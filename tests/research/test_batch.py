@@ -35,19 +35,13 @@ def of(terms: Terms) -> np.ndarray:
 
 def readable(loop: tuple[float, ...], duration: float = 20.0, angle: float = -math.pi / 3) -> float:
     """The objective from `simulate_ode`, its peak looked at closely."""
-    mass, length, *gains = loop
-    controller = afl.AFLController(
-        name="one",
-        gain_function=afl.GainFunction.constant(
-            afl.Gains(switching=gains[0], slope=gains[1], boundary_layer=gains[2])
-        ),
-    )
+    mass, length, k, slope, layer = loop
+    gains = afl.Gains(switching=k, slope=slope, boundary_layer=layer)
+    controller = afl.AFLController(name="one", gain_function=afl.GainFunction.constant(gains))
     scenario = afl.Scenario(
-        name="one",
-        schedule={"cart_mass": afl.constant(mass), "half_length": afl.constant(length)},
-        initial_state=(0.0, angle, 0.0, 0.0),
-        duration=duration,
-    )
+        name="one", schedule={"cart_mass": mass, "half_length": length},
+        initial_state=(0.0, angle, 0.0, 0.0), duration=duration,
+    )  # fmt: skip
     run = afl.simulate_ode(scenario, controller, sample_period=5e-4)
     peak_time = float(run.time[np.abs(run.force).argmax()]) + 5e-4
     closer = dataclasses.replace(scenario, duration=min(duration, peak_time))
@@ -92,12 +86,10 @@ def test_the_tolerance_controls_the_error_over_the_whole_box() -> None:
 @pytest.mark.parametrize("duration", [0.3, 5.0, 20.0])
 def test_a_loop_does_not_depend_on_its_neighbours(duration: float) -> None:
     gains, plants = drawn(3 * LANES + 5, seed=3)
-    start = (0.3, 1.0, -0.5, 2.0)
-    together = closed_loop_terms(gains, plants, duration=duration, initial_state=start)
+    settings = {"duration": duration, "initial_state": (0.3, 1.0, -0.5, 2.0)}
+    together = closed_loop_terms(gains, plants, **settings)
     for k in (0, LANES, 3 * LANES + 4):
-        alone = closed_loop_terms(
-            gains[k : k + 1], plants[k : k + 1], duration=duration, initial_state=start
-        )
+        alone = closed_loop_terms(gains[k : k + 1], plants[k : k + 1], **settings)
         assert alone.iae_z[0] == together.iae_z[k]
         assert alone.max_force[0] == together.max_force[k]
 
@@ -131,8 +123,7 @@ def test_the_fall_is_that_of_the_readable_path() -> None:
     terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
     assert run.outcome.kind == "fell"
     assert terms.lost[0]
-    one_step = 1e-3
-    assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=one_step)
+    assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=1e-3)  # one step
 
 
 @pytest.mark.parametrize(("gains", "plant", "start"), [

@@ -9,16 +9,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales
-from afl_mujoco.studies.verify.claims import (
-    EVERY,
-    FITTED,
-    IN_PART,
-    NONE,
-    NOT_REPRODUCED,
-    REPRODUCED,
-    UNDETERMINED,
-    shipped,
-)
+from afl_mujoco.studies.verify import claims as verdicts
 from research import claims
 from research.gain_tuning import GainTable
 
@@ -28,7 +19,7 @@ TRIED = claims.result_of("readings")["optima"]
 
 @pytest.mark.slow
 def test_the_shipped_file_is_what_is_found() -> None:
-    known, found = shipped(), claims.judge()
+    known, found = verdicts.shipped(), claims.judge()
     assert found.readings.near == known.readings.near
     for case, fitted in known.readings.fitted.items():
         assert found.readings.fitted[case] == pytest.approx(fitted, abs=1e-6)
@@ -47,8 +38,8 @@ def test_the_shipped_file_is_what_is_found() -> None:
 
 def test_the_search_finds_the_optimum_in_the_contest() -> None:
     claim = claims.search_claim(claims.result_of("optimisers"))
-    assert shipped().claims[-1] == replace(claim, why=f"{claim.why} (make claims)")
-    assert (claim.verdict, claim.here) == (REPRODUCED, 100.0)
+    assert verdicts.shipped().claims[-1] == replace(claim, why=f"{claim.why} (make claims)")
+    assert (claim.verdict, claim.here) == (verdicts.REPRODUCED, 100.0)
 
 
 def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
@@ -62,7 +53,8 @@ def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wins", "expected"), [(96, REPRODUCED), (70, IN_PART), (52, NOT_REPRODUCED)]
+    ("wins", "expected"),
+    [(96, verdicts.REPRODUCED), (70, verdicts.IN_PART), (52, verdicts.NOT_REPRODUCED)],
 )
 def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
     rows = np.array([[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)])
@@ -81,25 +73,19 @@ def test_the_objectives_on_random_schedules_are_those_of_the_ode() -> None:
             assert found == pytest.approx(exact, rel=1e-4)
 
 
-def test_table_1_would_be_optimal_if_it_were_our_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    rows = claims.published_rows()
-    table = GainTable(
-        np.stack(
-            [rows[:, 4], rows[:, 5], rows[:, 2], rows[:, 1], rows[:, 0], *rows[:, [3, 3]].T]
-        ).T,
-        {},
-    )
-    assert claims.optima_claim(table, SCALES, TRIED).verdict == FITTED
+def test_table_1_would_be_optimal_if_it_were_our_table() -> None:
+    table = GainTable(claims.published_rows()[:, [4, 5, 2, 1, 0, 3, 3]], {})
+    assert claims.optima_claim(table, SCALES, TRIED).verdict == verdicts.FITTED
     judged = claims.optima_claim(GainTable.shipped(), SCALES, TRIED)
-    assert judged.verdict == NONE
+    assert judged.verdict == verdicts.NONE
     assert "0 of 40 rows" in judged.why
     best = [{"best": 40, "column_error": 0.1}]
-    assert claims.optima_claim(table, SCALES, best).verdict == EVERY
-    assert claims.optima_claim(GainTable.shipped(), SCALES, best).verdict == FITTED
+    assert claims.optima_claim(table, SCALES, best).verdict == verdicts.EVERY
+    assert claims.optima_claim(GainTable.shipped(), SCALES, best).verdict == verdicts.FITTED
 
 
 def test_the_fit_cannot_be_judged_on_forty_rows() -> None:
     claim = claims.fit_claim()
-    assert claim.verdict == UNDETERMINED
+    assert claim.verdict == verdicts.UNDETERMINED
     assert claim.here == pytest.approx(0.3142, abs=1e-4)
     assert "columns read as Table 1 names them" in claim.why and "is ruled out" in claim.why

@@ -16,12 +16,11 @@ ROW = [1.0, 0.5, 100.0, 3.5, 90.0, 2.1, 2.2]
 
 
 def test_a_table_comes_back_from_its_file_bit_for_bit(tmp_path: Path) -> None:
-    table = gain_tuning.GainTable(
-        np.array([ROW, [2.0, 0.1, 1 / 3, 0.1, 1e-7, 3.3, 4.4]]), {"seed": 7}
-    )
+    rows = np.array([ROW, [2.0, 0.1, 1 / 3, 0.1, 1e-7, 3.3, 4.4]])
+    table = gain_tuning.GainTable(rows, {"seed": 7})
     table.save(tmp_path / "table.json")
     loaded = gain_tuning.GainTable.load(tmp_path / "table.json")
-    np.testing.assert_array_equal(loaded.rows, table.rows)
+    np.testing.assert_array_equal(loaded.rows, rows)
     assert loaded.provenance == {"seed": 7}
     assert loaded.gains(2.0, 0.1).slope == 0.1
 
@@ -36,9 +35,8 @@ def test_the_shipped_table_is_the_paper_s_grid_and_says_how_it_was_made() -> Non
 
 def test_mujoco_confirms_the_objective_of_every_shipped_row() -> None:
     table = gain_tuning.GainTable.shipped()
-    np.testing.assert_allclose(  # samples of 1 ms: a kinked peak may lie between two
-        table.column("objective_mujoco"), table.column("objective"), rtol=1e-4
-    )
+    found, said = table.column("objective_mujoco"), table.column("objective")
+    np.testing.assert_allclose(found, said, rtol=1e-4)  # 1 ms: a kinked peak may lie between two
 
 
 def test_the_retuned_controllers_have_the_gains_of_the_shipped_table() -> None:
@@ -58,9 +56,8 @@ def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_bo
     unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
     _, _, switching, slope, layer, found = gain_tuning.search_pair(unit)
     cost = gain_tuning.gain_cost(1.0, 0.5)
-    best = minimize_scalar(
-        lambda x: float(cost(np.array([[100.0, x, 90.0]]))[0]), bounds=(1.0, 5.0), method="bounded"
-    )
+    along = lambda x: float(cost(np.array([[100.0, x, 90.0]]))[0])  # noqa: E731
+    best = minimize_scalar(along, bounds=(1.0, 5.0), method="bounded")
     assert (switching, layer) == pytest.approx((100.0, 90.0), abs=1e-6)
     assert slope == pytest.approx(best.x, abs=1e-2)  # the bottom is flat: cost within 1e-6
     assert found == pytest.approx(best.fun, rel=1e-6)
@@ -78,25 +75,16 @@ def test_an_interrupted_unit_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     whole = gain_tuning.search_pair(gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=3)[0])
     unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=3, checkpoints=tmp_path)[0]
 
-    class Stop(Exception):
-        pass
+    left, cost = iter(range(16)), gain_tuning.gain_cost(1.0, 0.5)
 
-    calls = []
-
-    def interrupted(cost):
-        def call(gains):
-            calls.append(len(gains))
-            if len(calls) == 17:
-                raise Stop
-            return cost(gains)
-
-        return call
+    def interrupted(gains):
+        if next(left, None) is None:
+            raise KeyboardInterrupt
+        return cost(gains)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(
-            "research.gain_tuning.gain_cost", lambda *p: interrupted(gain_tuning.gain_cost(*p))
-        )
-        with pytest.raises(Stop):
+        patch.setattr(gain_tuning, "gain_cost", lambda *plant: interrupted)
+        with pytest.raises(KeyboardInterrupt):
             gain_tuning.search_pair(unit)
     assert gain_tuning.search_pair(unit) == whole
 

@@ -11,56 +11,44 @@ from afl_mujoco.studies.cube_search import Budget
 from research import paper, readings
 from research.figures import draw_sensitivity
 from research.gain_tuning import GainTable
-from research.readings import (
-    GOALS,
-    QUICK,
-    ROUND_HORIZONS,
-    descend,
-    find_readings,
-    judge_optima,
-    nearest,
-    rounded,
-    sound,
-)
 
 
-@pytest.mark.parametrize("goal", GOALS)
+@pytest.mark.parametrize("goal", readings.GOALS)
 def test_round_readings_are_round_and_sound(goal: str) -> None:
-    found = rounded(paper.random_readings(500, 0), GOALS[goal])
-    assert sound(found).all()
-    assert set(found[:, paper.HORIZON]) <= set(ROUND_HORIZONS)
+    found = readings.rounded(paper.random_readings(500, 0), readings.GOALS[goal])
+    assert readings.sound(found).all()
+    assert set(found[:, paper.HORIZON]) <= set(readings.ROUND_HORIZONS)
     for (symbol, _), (times, levels) in paper.SCHEDULES.items():
         np.testing.assert_allclose(found[:, times] % 0.5, 0.0, atol=1e-12)
         share = found[:, levels] / (0.1 if symbol == "M" else 0.05)
         np.testing.assert_allclose(share, np.round(share), atol=1e-9)
-    if not GOALS[goal].scales:
+    if not readings.GOALS[goal].scales:
         assert not found[:, [paper.SCALE_Z, paper.SCALE_PHI]].any()
 
 
 def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
     unit = ("improvements-d4", 1, 0, Budget(generations=3, population=8))
-    first = nearest(unit)
-    assert nearest(unit) == first
+    first = readings.nearest(unit)
+    assert readings.nearest(unit) == first
     values, error, tried = first
     assert tried == 25
     one = np.array([values])
     assert error == pytest.approx(paper.improvement_error(paper.terms_of(one).objectives(one))[0])
     assert paper.HORIZONS[0] <= one[0, paper.HORIZON] <= paper.HORIZONS[1]
     assert not one[0, [paper.SCALE_Z, paper.SCALE_PHI]].any()
-    assert nearest(("improvements-d4", 2, 0, unit[3])) != first
+    assert readings.nearest(("improvements-d4", 2, 0, unit[3])) != first
 
 
 def test_a_descent_ends_where_no_change_of_one_unknown_helps(monkeypatch) -> None:
-    goal = GOALS["improvements-d4"]
-    wanted = rounded(paper.random_readings(1, 7), goal)[0]
+    goal = readings.GOALS["improvements-d4"]
+    wanted = readings.rounded(paper.random_readings(1, 7), goal)[0]
 
-    def distance(_: object, readings: paper.Array) -> list[float]:
-        return np.abs(readings - wanted).sum(axis=1).tolist()
+    def distance(_, points):
+        return np.abs(points - wanted).sum(axis=1).tolist()
 
     monkeypatch.setattr(readings, "_costs", distance)
-    values, error, tried = descend(
-        ("improvements-d4", rounded(paper.random_readings(1, 8), goal)[0].tolist())
-    )
+    start = readings.rounded(paper.random_readings(1, 8), goal)[0].tolist()
+    values, error, tried = readings.descend(("improvements-d4", start))
     assert values == pytest.approx(wanted.tolist()) and error == pytest.approx(0.0, abs=1e-9)
     assert tried > 500
 
@@ -71,38 +59,34 @@ def test_our_own_optima_are_optimal_under_the_scales_they_were_found_with(monkey
         gains = table.gains(mass, length)
         rows[k, :3] = gains.switching, gains.slope, gains.boundary_layer
     monkeypatch.setattr(readings, "published_rows", lambda: rows)
-    found = judge_optima(("table2", 20.0, 16, 5))
-    assert found.as_decided == 40
-    assert found.best == 40 and found.median_excess < 1e-3
+    found = readings.judge_optima(("table2", 20.0, 16, 5))
+    assert found.as_decided == found.best == 40 and found.median_excess < 1e-3
 
 
 def test_the_papers_table_is_not_optimal() -> None:
-    found = judge_optima(("table2", 20.0, 16, 9))
+    found = readings.judge_optima(("table2", 20.0, 16, 9))
     assert found.as_decided == 0 and found.best < 40
     assert found.column_error == pytest.approx(0.384, abs=2e-3)
     assert np.isfinite(found.scales).all()
 
 
-# The command
-
 TINY = replace(
-    QUICK, restarts=1, generations=2, population=4, draws=20, descents=0, samples=50, base=4,
-    slopes=8, steps=3,
+    readings.QUICK, restarts=1, generations=2, population=4, draws=20, descents=0, samples=50,
+    base=4, slopes=8, steps=3,
 )  # fmt: skip
 
 
 @pytest.mark.slow
 def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatch, capsys) -> None:
-    one = []
-    monkeypatch.setattr(
-        readings, "find_readings", lambda *given: one.append(find_readings(*given)) or one[0]
-    )
+    one, find = [], readings.find_readings
+    kept = lambda *given: one.append(find(*given)) or one[0]  # noqa: E731
+    monkeypatch.setattr(readings, "find_readings", kept)
     monkeypatch.setattr(readings, "QUICK", TINY)
     readings.main(["--quick", "--workers", "1", "--out", str(tmp_path)])
     assert "four improvements are within 5 points of Table 3" in capsys.readouterr().out
     found = json.loads((tmp_path / "readings.json").read_text())
     names = [one["name"] for one in found["readings"]]
-    assert names == [f"{kind}-{goal}" for kind in ("nearest", "round") for goal in GOALS]
+    assert names == [f"{kind}-{goal}" for kind in ("nearest", "round") for goal in readings.GOALS]
     files = {path.name for path in tmp_path.glob("*.toml")}
     assert files == {f"{name}-{case}.toml" for name in names for case in paper.CASES}
     first = found["readings"][0]
@@ -111,4 +95,4 @@ def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatc
     run = afl.simulate_ode(scenario, afl.CONTROLLERS["fixed"], sample_period=0.01)
     assert run.outcome.kind == "completed"
     assert draw_sensitivity(found["sensitivity"]["cases"]).axes
-    assert one == [find_readings(TINY, 0, workers=2)]  # for any number of workers
+    assert one == [find(TINY, 0, workers=2)]  # for any number of workers

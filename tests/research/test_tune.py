@@ -14,10 +14,7 @@ from research.command import run_command
 from research.gain_tuning import GainTable
 
 ROOT = Path(__file__).parents[2]
-SMALL = (
-    *("--cart-masses", "0.5", "1.0", "--half-lengths", "0.5"),
-    *("--population", "60", "--workers", "1"),
-)
+SMALL = "--cart-masses 0.5 1.0 --half-lengths 0.5 --population 60 --workers 1".split()
 
 
 def refused(capsys: pytest.CaptureFixture[str], message: str, *arguments: str) -> None:
