@@ -1,7 +1,6 @@
 """Executors: order, bits and errors; deaths of workers; what a signal leaves behind."""
 
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -14,6 +13,7 @@ from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.pool import MAX_DEATHS, compute_all, in_process, kept_processes, open_executor
 from tests.execution import units
 from tests.execution.units import kept
+from tests.messages import line
 
 
 def computed(
@@ -38,9 +38,7 @@ def pids_of(folder: Path) -> set[str]:
     return {file.name.split("-")[1] for file in files}
 
 
-def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(
-    tmp_path: Path,
-) -> None:
+def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(tmp_path) -> None:
     with kept_processes():
         first: set[str] = set()
         # On a busy machine one of the two may do every unit of a use, and the other appear later;
@@ -73,9 +71,7 @@ def test_progress_is_called_with_each_index_as_it_is_done() -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(
-    tmp_path: Path, workers: int
-) -> None:
+def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path, workers) -> None:
     begun = time.monotonic()
     with pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {units.VICTIM}"):
         computed(units.refused, tmp_path, workers)
@@ -83,9 +79,7 @@ def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_work_that_was_broken_off_goes_on_with_what_is_missing(
-    tmp_path: Path, workers: int
-) -> None:
+def test_work_that_was_broken_off_goes_on_with_what_is_missing(tmp_path, workers) -> None:
     found: dict[int, Any] = {}
     with pytest.raises(InvalidValueError):
         computed(units.refused, tmp_path, workers, found)
@@ -97,24 +91,15 @@ def test_work_that_was_broken_off_goes_on_with_what_is_missing(
     assert set(units.tries(tmp_path / "tried")) == set(range(units.COUNT)) - done
 
 
-# Deaths of workers
-
-
 def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
     assert repr(computed(units.doomed_once, tmp_path, 2)) == repr(units.SERIAL)
     assert units.tries(tmp_path / "tried")[units.VICTIM] == 2
 
 
 def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
-    with (
-        pytest.raises(AflMujocoError, match=f"^worker process died {MAX_DEATHS} times") as error,
-        open_executor(2) as executor,
-    ):
+    said = line(f"worker process died {MAX_DEATHS} times", ...)
+    with pytest.raises(AflMujocoError, match=said), open_executor(2) as executor:
         compute_all(units.doomed_always, range(8), executor)
-    assert "\n" not in str(error.value)
-
-
-# Signals
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -122,10 +107,7 @@ def test_ctrl_c_leaves_the_finished_units_and_no_process(tmp_path: Path, workers
     file = tmp_path / "done"
     with units.program(tmp_path, workers) as process:
         units.awaited(lambda: len(kept(file)) >= 3)
-        os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=units.PATIENCE)
-        assert (process.returncode, said) == (130, "")
-        units.awaited(lambda: not units.group_lives(process))
+        units.interrupt(process)
     assert 3 <= len(kept(file)) < 200
 
 
@@ -134,10 +116,7 @@ def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path, delay: float) ->
     with units.program(tmp_path, 2) as process:
         units.awaited((tmp_path / "done").exists)
         time.sleep(delay)
-        os.killpg(process.pid, signal.SIGINT)
-        said, _ = process.communicate(timeout=units.PATIENCE)
-        assert (process.returncode, said) == (130, "")
-        units.awaited(lambda: not units.group_lives(process))
+        units.interrupt(process)
 
 
 def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
@@ -148,27 +127,25 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
         units.awaited(lambda: not units.group_lives(process))
 
 
-# What is refused
+NOWHERE = "tcp://127.0.0.1:1"
 
 
-def opened(workers: int, cluster: str | None = None) -> None:
-    with open_executor(workers, cluster):
-        pass
-
-
-@pytest.mark.parametrize("cluster", [None, "tcp://127.0.0.1:1"], ids=str)
+@pytest.mark.parametrize("cluster", [None, NOWHERE], ids=str)
 def test_there_must_be_a_worker(cluster: str | None) -> None:
-    with pytest.raises(InvalidValueError, match="workers must be at least 1, got 0"):
-        opened(0, cluster)
+    said = "workers must be at least 1, got 0"
+    with pytest.raises(InvalidValueError, match=said), open_executor(0, cluster):
+        pass
 
 
 @pytest.mark.parametrize("address", ["", "127.0.0.1:8786", "local"])
 def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(InvalidValueError, match=rf"^cluster must be .*, got '{address}'$"):
-        opened(1, address)
+    said = line("cluster must be ", ..., f", got '{address}'")
+    with pytest.raises(InvalidValueError, match=said), open_executor(1, address):
+        pass
 
 
 def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(AflMujocoError, match=r"needs Dask: pip install afl-mujoco\[cluster\]$"):
-        opened(2, "tcp://127.0.0.1:1")
+    said = line(..., "needs Dask: pip install afl-mujoco[cluster]")
+    with pytest.raises(AflMujocoError, match=said), open_executor(2, NOWHERE):
+        pass

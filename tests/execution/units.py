@@ -129,6 +129,14 @@ def program(folder: Path, workers: int, cluster: str = "") -> Iterator[subproces
         process.communicate()
 
 
+def interrupt(process: subprocess.Popen[str]) -> None:
+    """Press Ctrl-C: the group must end, and say nothing."""
+    os.killpg(process.pid, signal.SIGINT)
+    said, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, said) == (130, "")
+    awaited(lambda: not group_lives(process))
+
+
 def group_lives(process: subprocess.Popen[str]) -> bool:
     """Whether a process of the group is left that has not ended."""
     for stat in Path("/proc").glob("[0-9]*/stat"):

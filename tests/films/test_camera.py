@@ -19,12 +19,12 @@ def wild(replay, seed, gap=0.0):
     state[:, 0] = np.cumsum(rng.uniform(-0.4, 0.4) + 0.2 * rng.standard_normal(count))
     state[:, 1] = rng.uniform(-1.2, 1.2, count)
     ideal = state + np.array([gap, 0.2, 0.0, 0.0])
-    arrays = {"inputs": np.ones((count, 1)), "channels": np.ones((count, 3))}
     values = np.ones((count, 4))
     values[:, 2] = rng.uniform(0.05, 1.0, count)
     return replace(
-        replay, time=np.arange(count) / FPS, state=state, ideal=ideal, values=values, **arrays
-    )
+        replay, time=np.arange(count) / FPS, state=state, ideal=ideal, values=values,
+        inputs=np.ones((count, 1)), channels=np.ones((count, 3)),
+    )  # fmt: skip
 
 
 def corners(path, index, state, half_length):

@@ -104,10 +104,8 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     names = [label for label, _ in replay.readouts(0)]
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
     assert names == ["t [s]", *words]
-    labels = []
-    monkeypatch.setattr(
-        "matplotlib.axes.Axes.set_ylabel", lambda self, text, **more: labels.append(text)
-    )
+    labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
+    monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))
     assert labels == [*words[2:], words[1], words[0]]
 

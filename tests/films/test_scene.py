@@ -34,27 +34,24 @@ def segments(scene, replay, index, path):
         scene.renderer.disable_segmentation_rendering()
 
 
-def centre(mask):
-    assert mask.any(), "nothing of it is seen"
-    rows, columns = np.nonzero(mask)
-    return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
+def drawn(scene, kind):
+    whole = scene.renderer.scene
+    return [geom for geom in whole.geoms[: whole.ngeom] if geom.type == kind]
 
 
 def seen_tip(scene, picture):
     site = scene.model.mj_model.site("tip").id
     kind = mujoco.mjtObj.mjOBJ_SITE
-    return centre((picture[..., 0] == site) & (picture[..., 1] == kind))
+    rows, columns = np.nonzero((picture[..., 0] == site) & (picture[..., 1] == kind))
+    assert len(rows), "nothing of it is seen"
+    return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
 
 
 def seen_ghost(scene, picture):
     """Return where the ghost's tip is seen, as the middle of what it spans."""
-    spheres = [
-        geom.objid
-        for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
-        if geom.type == mujoco.mjtGeom.mjGEOM_SPHERE and geom.objtype == mujoco.mjtObj.mjOBJ_UNKNOWN
-    ]
-    assert len(spheres) == 1
-    rows, columns = np.nonzero((picture[..., 0] == spheres[0]) & (picture[..., 1] == 0))
+    spheres = drawn(scene, mujoco.mjtGeom.mjGEOM_SPHERE)
+    (ghost,) = (geom for geom in spheres if geom.objtype == mujoco.mjtObj.mjOBJ_UNKNOWN)
+    rows, columns = np.nonzero((picture[..., 0] == ghost.objid) & (picture[..., 1] == 0))
     assert len(rows), "nothing of it is seen"
     return np.array([columns.min() + columns.max() + 1, rows.min() + rows.max() + 1]) / 2
 
@@ -100,13 +97,9 @@ def test_the_arrows_point_along_the_forces(graphics, stage, replay):
     assert replay.push[pushed] == -10.0
     for index, arrows in ((0, 1), (pushed, 2)):
         scene.draw(replay, index, path)
-        drawn = [
-            geom
-            for geom in scene.renderer.scene.geoms[: scene.renderer.scene.ngeom]
-            if geom.type == mujoco.mjtGeom.mjGEOM_ARROW
-        ]
-        assert len(drawn) == arrows
-        along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in drawn]
+        found = drawn(scene, mujoco.mjtGeom.mjGEOM_ARROW)
+        assert len(found) == arrows
+        along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in found]
         wanted = [replay.force[index], replay.push[index]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
 

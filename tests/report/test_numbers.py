@@ -11,9 +11,7 @@ from afl_mujoco.report.numbers import limit, scientific, short
     (5.84e-12, "5.8×10⁻¹²"), (-0.0, "0"), (0.0, "0"), (None, "–"), (-1.1e-16, "−1.1×10⁻¹⁶"),
     (9.97e-14, "1.0×10⁻¹³"), (2.6, "2.6×10⁰"), (math.inf, "–"),
 ], ids=str)  # fmt: skip
-def test_scientific_numbers_have_two_digits_and_a_power_of_ten(
-    value: float | None, text: str
-) -> None:
+def test_scientific_numbers_have_two_digits_and_a_power_of_ten(value, text) -> None:
     assert scientific(value) == text
 
 

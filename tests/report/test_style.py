@@ -17,7 +17,6 @@ def a_figure() -> Figure:
     axis = figure.subplots()
     axis.semilogy([0.0, 1.0], [1e-3, 1.0])
     axis.set(xlabel="time t [s]", ylabel="z [m]")
-    axis.axhline(0.1, color="black")
     return figure
 
 

@@ -2,22 +2,12 @@
 
 import json
 import re
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
+from afl_mujoco.report import blocks
 from afl_mujoco.report import terminal as terminal_module
-from afl_mujoco.report.blocks import (
-    Block,
-    Cell,
-    Figure,
-    Matrix,
-    Replay,
-    Report,
-    Section,
-    figures_of,
-)
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.page import Part, to_html
 from afl_mujoco.report.style import new_figure, write_figure
@@ -32,49 +22,51 @@ def draw():
     return figure
 
 
-def matrix(folded: str = "") -> Matrix:
-    return Matrix(
+def matrix(folded: str = "") -> blocks.Matrix:
+    return blocks.Matrix(
         caption="How far each goes",
         columns=("name", "distance [m]", "verdict"),
         rows=(
-            ("first", "1.5", Cell("stays", "good")),
-            (NASTY, "−2", Cell("falls", "bad")),
-            ("third", "0", Cell("rests", "neutral")),
-            ("fourth", "–", Cell("unclear", "open")),
+            ("first", "1.5", blocks.Cell("stays", "good")),
+            (NASTY, "−2", blocks.Cell("falls", "bad")),
+            ("third", "0", blocks.Cell("rests", "neutral")),
+            ("fourth", "–", blocks.Cell("unclear", "open")),
         ),
         folded=folded,
     )
 
 
 MOVING = {"duration": 1.5, "runs": [{"controller": NASTY, "colour": "#000000"}]}
-REPLAY = Replay(name="a-run", title="A run", compute=lambda: MOVING)
-LINE = Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
-BLOCKS: tuple[Block, ...] = (
+REPLAY = blocks.Replay(name="a-run", title="A run", compute=lambda: MOVING)
+LINE = blocks.Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
+BLOCKS: tuple[blocks.Block, ...] = (
     "It holds with `--quick` and *without*, see [there](#part).",
     f"Given: {plain(NASTY)}",
     "- **mass** 1 kg",
     matrix(),
-    Section("Part", "part", (matrix("All rows"), LINE)),
-    Section("Behind", "behind", ("in the depth", REPLAY), folded=True),
+    blocks.Section("Part", "part", (matrix("All rows"), LINE)),
+    blocks.Section("Behind", "behind", ("in the depth", REPLAY), folded=True),
     "```sh\nafl-mujoco study 'my file.toml'\n```",
 )
-REPORT = Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
+REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
 
 
-def html(folder: Path, *others: Report) -> str:
+def html(folder: Path, *others: blocks.Report) -> str:
     parts = [Part(one, f"study{k or ''}", [folder]) for k, one in enumerate((REPORT, *others))]
-    return to_html("Reports", parts, [Section("Reproduce", "reproduce", ("the command",))], folder)
+    return to_html(
+        "Reports", parts, [blocks.Section("Reproduce", "reproduce", ("the command",))], folder
+    )
 
 
 @pytest.fixture
 def page(tmp_path: Path) -> str:
-    for figure in figures_of(BLOCKS):
+    for figure in blocks.figures_of(BLOCKS):
         write_figure(figure, tmp_path)
     (tmp_path / "a-run.replay.json").write_text(json.dumps(MOVING), encoding="utf-8")
     return html(tmp_path)
 
 
-WRITERS: dict[str, Callable[[Path], str]] = {
+WRITERS = {
     "terminal": lambda folder: to_text(BLOCKS),
     "Markdown": lambda folder: to_markdown(BLOCKS),
     "HTML": lambda folder: re.sub(r"<[^>]*>", "", html(folder)),
@@ -84,10 +76,8 @@ WRITERS: dict[str, Callable[[Path], str]] = {
 @pytest.mark.parametrize("writer", WRITERS)
 def test_every_writer_says_texts_cells_and_commands(writer: str, tmp_path: Path) -> None:
     said = WRITERS[writer](tmp_path)
-    for text in (
-        "Part", "--quick", "without", "How far each goes", "distance", "−2", "stays", "falls",
-        "rests", "unclear", "mass", "1 kg", "there", "afl-mujoco study",
-    ):  # fmt: skip
+    words = "Part|--quick|without|How far each goes|distance|−2|stays|falls|rests|unclear|mass|1 kg"
+    for text in f"{words}|there|afl-mujoco study".split("|"):
         assert text in said, text
     assert "`--quick`" in said or writer != "Markdown"
 
@@ -103,7 +93,7 @@ def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are(c
 
 def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="every row of 't' must have 2 cells"):
-        to_text([Matrix(caption="t", columns=("a", "b"), rows=(("x",),))])
+        to_text([blocks.Matrix(caption="t", columns=("a", "b"), rows=(("x",),))])
 
 
 def test_markdown_escapes_what_would_be_markup() -> None:
@@ -134,22 +124,20 @@ def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> No
 
 def test_markdown_in_a_page_has_no_html_and_no_script(tmp_path: Path) -> None:
     evil = "<img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](https://elsewhere/y.png)"
-    said = html(tmp_path, Report(title="b", headline="c", blocks=(evil,)))
+    said = html(tmp_path, blocks.Report(title="b", headline="c", blocks=(evil,)))
     assert "<img src=x" not in said and 'href="javascript' not in said
     assert 'src="https:' not in said
 
 
-def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(
-    tmp_path: Path,
-) -> None:
-    said = html(tmp_path, Report(title="Good", headline="all hold", passed=True, blocks=()))
+def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(tmp_path) -> None:
+    said = html(tmp_path, blocks.Report(title="Good", headline="all hold", passed=True, blocks=()))
     assert "<h1>Reports</h1>" in said and "<title>FAIL: Reports</title>" in said
     for title in ("Study", "Good"):
         assert re.search(rf"<h2 [^>]*>{title}</h2>", said)
     assert "The figure “A line” is missing" in said and "The replay “A run” is missing" in said
 
 
-WIDE = Matrix(
+WIDE = blocks.Matrix(
     caption="Wide",
     columns=("Scenario", "Controller", "Outcome", *(f"B{k}" for k in range(8))),
     rows=[
@@ -162,7 +150,7 @@ WIDE = Matrix(
 
 @pytest.mark.parametrize("width", [80, 104, 300])
 def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_number_broken(
-    width: int, monkeypatch
+    width, monkeypatch
 ) -> None:
     monkeypatch.setattr(terminal_module, "WIDTH", width)
     text = to_text([WIDE])
@@ -177,11 +165,9 @@ def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_numbe
 
 def test_no_name_steers_the_terminal(capsys) -> None:
     raw = "x\x1b]0;mine\x07\x9b2J\u202e"
-    blocks = (
-        raw, f"```sh\n{raw}\n```", Matrix(caption=raw, columns=(raw, "b"), rows=((raw, raw),)),
-        Section(raw, "part", (raw,)),
-    )  # fmt: skip
-    print_report(Report(headline=raw, blocks=blocks))
-    said = to_text(blocks) + capsys.readouterr().out
+    table = blocks.Matrix(caption=raw, columns=(raw, "b"), rows=((raw, raw),))
+    shown = (raw, f"```sh\n{raw}\n```", table, blocks.Section(raw, "part", (raw,)))
+    print_report(blocks.Report(headline=raw, blocks=shown))
+    said = to_text(shown) + capsys.readouterr().out
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
     assert said.count("]0;mine") >= 14
