@@ -44,6 +44,9 @@ KINK = 1e-3
 """Largest difference between a controller's slopes on either side of its target, relative to its
 largest slope: central differences do not see a kink, whatever their step."""
 
+NOTHING = 1e-9
+"""Share of the largest slope that is the rounding of 0."""
+
 NO_GAIN = 1e-9
 """Factors of the gain below it, and above its inverse, are rounding errors of 0 and infinity."""
 
@@ -218,6 +221,8 @@ def loop_margins(
     """
     import control
 
+    if not (imperfections.differentiated or imperfections.velocity_filter):
+        loop = _without_idle(loop)
     if control_period is None:
         if not loop.stable:
             return None
@@ -233,6 +238,16 @@ def loop_margins(
         return None
     return [_margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
             for part in _broken(a, b, k)]  # fmt: skip
+
+
+def _without_idle(loop: Loop) -> Loop:
+    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins.
+
+    They stay where they are put, which takes nothing from the stability of the others.
+    """
+    several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
+    kept = np.logical_or(*several) | (np.arange(len(loop.a)) >= loop.coordinates)
+    return replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
 
 
 def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
