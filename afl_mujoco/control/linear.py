@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import AFFINE, Controller, force_from_inputs
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.scenario.requirements import bands_of
 from afl_mujoco.scenario.scenario import Segment
 
 Floats = NDArray[np.float64]
@@ -95,8 +94,10 @@ class LinearFeedback(Controller):
         thing = f"controller {self.name!r}"
         held = holding_input(rest.bias, rest.inputs)
         if held is None:
-            rule = "must be able to hold the plant at its target, but no input does"
-            raise InvalidValueError(thing, rule, f"forces left {rest.bias.tolist()}")
+            left = dict(zip(self.plant.coordinates, rest.bias.tolist(), strict=True))
+            name = max(left, key=lambda x: abs(left[x]))
+            rule = f"must be able to hold the plant at its target, but none holds {name} there"
+            raise InvalidValueError(thing, rule, f"a force of {-left[name]:.4g} on it")
         a, b = linear_model(rest)
         weights = np.array([x if x else max(float(np.abs(held).max()), 1.0) for x in self.most])
         states = np.diag([x**-2 for x in self.largest])
@@ -193,11 +194,8 @@ class LinearFeedback(Controller):
         }
 
 
-def largest_of(plant: Plant, limits: dict[str, float]) -> tuple[float, ...]:
+def largest_of(limits: Mapping[str, float], bands: Mapping[str, float]) -> tuple[float, ...]:
     """Return the largest states by Bryson's rule: as required, else ten bands, and as fast."""
-    found = [limits.get(name, 10.0 * band) for name, band in bands_of(plant).items()]
-    rates = [
-        limits.get(f"{name}_dot", 5.0 * x)
-        for name, x in zip(plant.coordinates, found, strict=True)
-    ]  # fmt: skip
-    return (*found, *rates)
+    found = {name: limits.get(name, 10.0 * band) for name, band in bands.items()}
+    rates = [limits.get(f"{name}_dot", 5.0 * x) for name, x in found.items()]
+    return (*found.values(), *rates)

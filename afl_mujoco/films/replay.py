@@ -177,9 +177,11 @@ def _ideal(scenario: Scenario, controller: Controller, deployment: Deployed) -> 
     h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
     informed = controller.without_estimator()
     if not scenario.is_cart_pole:
-        settings: Any = {"timestep": deployment.timestep, "control_period": period}
         if scenario.ideal == scenario:
             return None
+        # a controller in Python may count on its period; no other loop needs one to be ideal
+        kept = period if informed.interpreted else None
+        settings: Any = {"timestep": deployment.timestep, "control_period": kept}
         return simulate_mujoco(
             scenario.ideal, informed, "sampled", integrator=deployment.integrator, **settings
         )

@@ -62,7 +62,8 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
         first, last = min(low, one.low or low), max(high, one.high or high)
         if any(segment.lines[i][1] for segment in scenario.segments):
             grids[i] = first, (last - first) / NODES
-    target, largest = scenario.target, largest_of(plant, dict(asked))
+    bands = {name: scenario.band(name) for name in plant.coordinates}
+    target, largest = scenario.target, largest_of(asked, bands)
     return LinearFeedback(
         name="lqr",
         plant=plant,
