@@ -42,6 +42,9 @@ WORDS = {
 
 FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
+ALIKE = 3
+"""How many mistakes are named that look alike, for want of a parameter that varies."""
+
 SMALL, MANY = 1e-5, 4
 """Step of differences in time, relative to the fastest rate, and a number of coordinates."""
 
@@ -74,7 +77,12 @@ def _inertial(thing: str, c: float) -> str:
 def _amount(thing: str, has: Floats, c: float) -> str:
     if np.ptp(has) > 0.0:  # a parameter
         return f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
-    return f"{thing} is {round(has[0] + c, 9):.6g} in the equations and {has[0]:g} in MuJoCo"
+    here = round(has[0] + c, 9) + 0.0  # no -0
+    return f"{thing} is {here:.6g} in the equations and {has[0]:g} in MuJoCo"
+
+
+def _drag(name: str, other: str, c: float) -> str:
+    return f"the equation of {name} has {c:+.6g} {other}_dot more: a relative rate in its damping"
 
 
 def _about(body: str, c: float) -> str:
@@ -112,8 +120,14 @@ class Search:
 
     def first(self) -> str:
         """Return the mistake that explains the difference, in words; empty if none does."""
+        if not np.isfinite(self.start).all():
+            return ""
         with np.errstate(all="ignore"):
-            return next(self.named(), "") if np.isfinite(self.start).all() else ""
+            if np.ptp(self.points.p, axis=0).any():
+                return next(self.named(), "")
+            several = list(dict.fromkeys(itertools.islice(self.named(), ALIKE)))
+        hint = " (parameters that vary would tell)" * (len(several) > 1)
+        return ", or ".join(several) + hint
 
     def named(self) -> Iterator[str]:
         """Yield what explains the difference, the most usual first."""
@@ -228,6 +242,11 @@ class Search:
             yield [(partial(_amount, f"{word} of {name}", has[:, j]),
                     self.edited(j, **{field: more}))
                    for j, name in enumerate(self.plant.coordinates)]  # fmt: skip
+        names, bias = self.plant.coordinates, self.terms.bias
+        yield [(partial(_drag, names[i], names[j]),
+                self.residual(bias=bias + _only(self.points.v[:, [j]] + 0.0 * bias,
+                                                (slice(None), i))))
+               for i, j in itertools.permutations(range(len(names)), 2)]  # fmt: skip
 
     def together(self, family: Sequence[Suspect]) -> Iterator[str]:
         """Yield the same mistake at several places."""

@@ -370,6 +370,8 @@ class Request:
             f"; {name} only within {low:.3g} to {high:.3g} rad: its range, in degrees?"
             for name, (low, high) in self.narrow.items()
         )
+        acting = [x for x in self.model.notes if x.startswith(("dry friction", "gravity comp"))]
+        rate += f"; left out: {', '.join(acting)}" * bool(acting)
         if self.equations is None:
             return f"engine and mutation verified; model not: no equations{rate}"
         largest = max(one.value for one in self.checks if one.id[0] in "BC")
