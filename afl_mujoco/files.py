@@ -373,6 +373,8 @@ def _in_one_line(error: Any, kind: Any) -> str:
         case "missing" | "missing_argument", _:
             got = ""
     said = first["msg"].replace("Input should", "must", 1).replace("an object", "a table")
+    if place and place[-1] == "str":  # a member of a union
+        place = place[:-1]
     rule, key = _RULES.get(first["type"], said), _resolved(kind, place)[0]
     if first["type"] == "list_type" and isinstance(first["input"], dict):
         rule += f" of tables, each of which begins with [[{key}]]"

@@ -196,7 +196,9 @@ def _ended(scenario: Scenario, run: Trajectory) -> list[str]:
     worst = last[np.argmax(~(np.abs(last) < STATE_LIMIT))] if last.size else 0.0
     if run.outcome.kind == DIVERGED and not abs(worst) < STATE_LIMIT:
         rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
-        return [f"the force was {worst:g} at {run.outcome.time:.3g} s; {rule}"]
+        name = scenario.plant.inputs[int(np.argmax(~(np.abs(last) < STATE_LIMIT)))]
+        what = "the force" if scenario.is_cart_pole else f"the command of {name}"
+        return [f"{what} was {worst:g} at {run.outcome.time:.3g} s; {rule}"]
     return []
 
 

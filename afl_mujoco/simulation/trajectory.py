@@ -445,11 +445,17 @@ def signals_of(
             q, v = np.split(states.T.copy(), 2)
             whole = np.asarray(signal(q, v, plant.named(values)), dtype=np.float64)
         if whole is not None and whole.shape == every.shape:
-            slack = 1e-13 * float(np.abs(expected).max(initial=0.0))
-            if np.allclose(whole[some], expected, rtol=1e-13, atol=slack):
+            slack = 1e-13 * float(np.abs(expected[np.isfinite(expected)]).max(initial=0.0))
+            if np.allclose(whole[some], expected, rtol=1e-13, atol=slack, equal_nan=True):
                 found[name] = whole
                 continue
         found[name] = each(name, every)
+    for name, signal_values in found.items():
+        lost = np.isnan(signal_values) & np.isfinite(states).all(axis=1)
+        if lost.any():
+            where = dict(zip(plant.states, states[np.argmax(lost)].tolist(), strict=True))
+            rule = "must be a number along a run"
+            raise InvalidValueError(f"signal {name!r}", rule, f"nan at {where}")
     return found
 
 

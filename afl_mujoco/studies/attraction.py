@@ -126,7 +126,8 @@ def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> f
         given = 10.0 if rate else 1.55
     if given is None:
         given = 20.0 * scenario.band(name.removesuffix("_dot"))
-        given = min(given, 0.95 * scenario.ends_at.get(name, math.inf))
+        turn = math.pi if units[name] == "rad" else math.inf
+        given = min(given, 0.95 * scenario.ends_at.get(name, math.inf), turn)
     most = require_positive(option, given)
     if units[name] == "rad":
         require_start_angle(option, most)
@@ -227,10 +228,10 @@ def report(result: Result) -> Report:
         f"|{symbol(name)}| up to {short(0.5 * float(axis[-1] - axis[0]))} {units[name]}"
         for name, axis in zip(result.axes, axes, strict=True)
     )
-    said = "; ".join(f"{name} {percent(share, 3)}" for name, share in shares.items())
+    said = ", ".join(f"{name} copes with {percent(share, 3)}" for name, share in shares.items())
     title = f"From which starts each controller copes with {result.scenario.name}"
     return Report(
-        headline=f"{result.scenario.name}: of {result.starts} starts, {reach}, copes with {said}.",
+        headline=f"{result.scenario.name}: of {result.starts} starts, {reach}, {said}.",
         blocks=[
             Figure(
                 name="attraction",

@@ -381,9 +381,9 @@ def search_worst(
     """Search for a controller's hardest sample, then for its failure nearest to the scenario.
 
     The first search starts from the hardest of its runs on samples, the second from the nearest
-    failure known. Each keeps the noise of the sample that it starts from, so that its cost function
-    does not change and it finds nothing milder than what was known. There is no second search if
-    nothing fails, and none at all if nothing passes.
+    failure known, which may be the scenario itself. Each keeps the noise of the sample that it
+    starts from, so that its cost function does not change and it finds nothing milder than what was
+    known. There is no second search if nothing fails, and none at all if nothing passes.
     """
     rng, spent = search_generator(seed), 0
 
@@ -426,6 +426,8 @@ def search_worst(
     hardest = search(HARDEST, points[worst], worst)
     known = [(points[i], i) for i, run in enumerate(runs) if run.failure]
     known += [(np.array(hardest.point), run.draw) for run in hardest.run if run.failure]
+    itself = np.array(space.reference, dtype=np.float64)
+    known += [(itself, run.draw) for run in at([itself], worst) if run.failure]
     if not known:
         return [hardest]
     return [hardest, search(NEAREST, *min(known, key=lambda one: distance_of(space, one[0])))]

@@ -78,7 +78,7 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     shown = report(result)
     assert "✓ passes" in to_text(shown.blocks)
     assert shown.headline == (
-        "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, copes with lqr 0 %."
+        "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, lqr copes with 0 %."
     )
     cross = shown.blocks[0].draw().axes[0].lines[0]
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
