@@ -189,3 +189,17 @@ def test_friction_that_an_edit_adds_acts_as_that_of_the_scenario() -> None:
     described, smooth = (afl.simulate_mujoco(one, "fixed").state for one in (rough, scenario))
     np.testing.assert_array_equal(edited, described)
     assert not np.array_equal(edited, smooth)
+
+
+def test_a_table_that_an_edit_adds_holds_the_pole_up() -> None:
+    def lay(spec: mujoco.MjSpec) -> None:
+        plane, pole = mujoco.mjtGeom.mjGEOM_PLANE, spec.geom("pole")
+        pole.contype = pole.conaffinity = 1
+        spec.worldbody.add_geom(type=plane, size=[5, 5, 1], pos=[0, 0, 0.3], contype=1)
+
+    scenario = afl.Scenario(name="short", initial_state=(0.0, 0.9, 0.0, 0.0), duration=1.5)
+    ends = [
+        afl.simulate_mujoco(scenario, lambda *_: 0.0, "sampled", edit=edit).outcome.kind
+        for edit in (None, lay)
+    ]
+    assert ends == ["fell", "completed"]
