@@ -88,9 +88,6 @@ def prepare(options: Options) -> Request:
     names = o.scenarios or CASES
     for name in names:
         if name not in SCENARIOS:
-            if name.endswith(".toml"):
-                rule = "must be one of the paper by name: files are not taken here"
-                raise InvalidValueError("scenario", rule, name)
             raise UnknownNameError.among("scenario", name, SCENARIOS)
     require_distinct("scenario", names)
     scenarios = [SCENARIOS[name] for name in names]

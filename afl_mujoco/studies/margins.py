@@ -67,7 +67,8 @@ class Options:
     The loop is linearised by finite differences in MuJoCo and broken at each input, over the plants
     that the scenario's schedules and ranges allow. On some of the plants the study also measures
     the delay at which a small motion in MuJoCo grows; of controllers with a memory or an estimator,
-    or without slopes, the gains too. Writes margins.json and a figure.
+    or without slopes, the gains too. A coordinate that nothing depends on, such as the angle of a
+    wheel that only spins, is left out. Writes margins.json and a figure.
     """
 
     scenario: ScenarioIfAny = None
