@@ -1,4 +1,10 @@
-"""The decorator of every compiled function, and access to memory by address in compiled code."""
+"""The decorators of compiled functions, and access to memory by address in compiled code.
+
+`kernel` is called from Python and kept on disk; `jitable` is called from compiled code, where
+either is a part of its caller. What belongs to a user (equations, controllers in Python, what rates
+of parameters do) has an address, a `Callback`, that compiled code jumps to by `call`: the loops are
+compiled once, whoever's functions they call, and `watched` raises what these raised.
+"""
 
 from __future__ import annotations
 
