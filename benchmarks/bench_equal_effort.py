@@ -36,7 +36,7 @@ from afl_mujoco.control.law import afl_force
 from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.cube_search import Budget, minimise
 from research.gain_tuning import paper_scales

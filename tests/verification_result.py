@@ -13,7 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.files import write_json
 from afl_mujoco.films.listing import LISTING, Entry, Listing
 from afl_mujoco.scenario.disturbances import ForcePulse
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.cases import REPORTED, Run, Settings
 from afl_mujoco.studies.validate import Result, verdict_of

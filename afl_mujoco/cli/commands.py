@@ -28,8 +28,8 @@ from afl_mujoco.studies.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.scenario.sampling import Deployed
     from afl_mujoco.scenario.scenario import Scenario
+    from afl_mujoco.scenario.time_steps import Deployed
     from afl_mujoco.simulation.trajectory import Trajectory
 
 INDIFFERENT = ("out", "workers")  # options that do not change the films
@@ -64,7 +64,7 @@ class _Deployed:
 
     @property
     def deployment(self) -> Deployed:
-        from afl_mujoco.scenario.sampling import Deployed
+        from afl_mujoco.scenario.time_steps import Deployed
 
         return Deployed(self.integrator or "RK4", self.timestep, self.control_period)
 
@@ -336,7 +336,7 @@ class Simulate(_Deployed):
         from afl_mujoco.report.style import save_figure
         from afl_mujoco.report.terminal import print_report
         from afl_mujoco.scenario.sample_space import NOISE_DRAWS
-        from afl_mujoco.scenario.sampling import LONGEST_STEP
+        from afl_mujoco.scenario.time_steps import LONGEST_STEP
         from afl_mujoco.simulation.figures import draw_runs
         from afl_mujoco.simulation.linear import bound
         from afl_mujoco.simulation.metrics import in_order, metrics
@@ -391,7 +391,7 @@ class Simulate(_Deployed):
         return CHECK_FAILED if run.missed else SUCCESS
 
     def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
-        from afl_mujoco.scenario.sampling import LONGEST_STEP
+        from afl_mujoco.scenario.time_steps import LONGEST_STEP
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.simulate import simulate_ode
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from afl_mujoco.files import inside, read_json, remove_file, write_json
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 
 LISTING = "films.json"  # file beside the films that says what they show
 MARK = "made by afl_mujoco"  # comment in the metadata of every film

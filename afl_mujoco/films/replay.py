@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.parameters import labelled
-from afl_mujoco.scenario.sampling import LONGEST_STEP, Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import LONGEST_STEP, Deployed
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode

@@ -21,8 +21,8 @@ from afl_mujoco.films.picture import Picture, frames
 from afl_mujoco.films.replay import frame_times, record
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.pool import interrupts_held, open_executor
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.values import require_distinct
 
 MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames per second

@@ -15,8 +15,8 @@ from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.library import mj_forward, write_row
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
-from afl_mujoco.scenario.sampling import instants, step_times
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import instants, step_times
 from afl_mujoco.simulation.decor import (
     add_forces,
     add_marks,

@@ -18,8 +18,8 @@ from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
-from afl_mujoco.scenario.sampling import ticks_of, time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.time_steps import ticks_of, time_grid
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,

@@ -32,8 +32,8 @@ from afl_mujoco.scenario.parameters import (
     CartPoleParameters,
     ParameterChange,
 )
-from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (
     ATOL,

@@ -21,8 +21,8 @@ from afl_mujoco.control.laws import command
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import ParameterChange
-from afl_mujoco.scenario.sampling import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.ode import (
     Loop,

@@ -28,8 +28,8 @@ from afl_mujoco.plants.cartpole import FALL_ANGLE as FALL_ANGLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
-from afl_mujoco.scenario.sampling import instants
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import instants
 
 TIPPED = 1.4
 """A run that cannot go on fell if ``|phi|`` had reached this [rad], where the force diverges."""

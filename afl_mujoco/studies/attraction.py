@@ -20,8 +20,8 @@ from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle, symbol
 from afl_mujoco.scenario.requirements import NONE
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
 from afl_mujoco.studies.arrays import Array

@@ -12,8 +12,8 @@ from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.sampling import ticks_of
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import ticks_of
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco

@@ -23,8 +23,8 @@ from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import Layout, Trajectory, controller_inputs

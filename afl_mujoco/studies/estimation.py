@@ -16,8 +16,8 @@ from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 from afl_mujoco.studies.arrays import Array
@@ -76,7 +76,7 @@ class Request(NamedTuple):
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.scenario.sampling import ticks_of
+    from afl_mujoco.scenario.time_steps import ticks_of
 
     o = options
     seeds = (QUICK_SEEDS if o.quick else SEEDS) if o.seeds is None else o.seeds

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import SNAP
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.values import require_positive
 

@@ -26,8 +26,8 @@ from afl_mujoco.scenario.imperfections import (
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
 from afl_mujoco.studies.cube_search import Budget, minimise
 from afl_mujoco.studies.run import Rows, Run, run_all
@@ -48,7 +48,7 @@ def require_runs(
     controllers: Sequence[Controller], scenarios: Sequence[Scenario], deployed: Deployed
 ) -> None:
     """Raise if anything would break runs as deployed, before the first."""
-    from afl_mujoco.scenario.sampling import ticks_of
+    from afl_mujoco.scenario.time_steps import ticks_of
     from afl_mujoco.simulation.linear import bound
     from afl_mujoco.simulation.mujoco_model import require_integrator
 

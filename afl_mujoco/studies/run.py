@@ -13,8 +13,8 @@ from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationErr
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.scenario.sampling import Deployed
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
     Judgement,

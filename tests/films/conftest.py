@@ -7,7 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.films.replay import record
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 
 FPS = 30
 

@@ -13,7 +13,7 @@ from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_fi
 from afl_mujoco.films.sections import sections
 from afl_mujoco.films.video import write_video
 from afl_mujoco.report.blocks import Film
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from tests.messages import line
 from tests.verification_result import film_entry, write_listing
 

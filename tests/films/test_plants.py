@@ -14,7 +14,7 @@ from afl_mujoco.films.picture import draw_plots
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import open_scene
 from afl_mujoco.films.video import make_films, side_by_side
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from tests.plants.plants import SMALL, known, small
 
 FPS = 20

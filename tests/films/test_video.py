@@ -19,7 +19,7 @@ from afl_mujoco.films.replay import record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from tests.messages import line
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ from scipy.integrate._ivp.common import select_initial_step
 import afl_mujoco as afl
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.scenario.parameters import MOMENTA, STRETCHING_ROD, ParameterChange
-from afl_mujoco.scenario.sampling import time_grid
+from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode

@@ -18,7 +18,7 @@ from afl_mujoco.scenario.sample_space import (
     sample_scenario,
     search_generator,
 )
-from afl_mujoco.scenario.sampling import Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies import robustness
 from afl_mujoco.studies.bisection import BRACKETED
 from afl_mujoco.studies.cube_search import Budget, minimise

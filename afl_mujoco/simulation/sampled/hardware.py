@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import inlined_kernel, jitable, kernel
-from afl_mujoco.scenario.sampling import SNAP
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import SNAP
 from afl_mujoco.simulation.mujoco_model import read_state
 
 _ROUNDS = 10

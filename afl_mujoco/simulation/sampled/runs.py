@@ -14,7 +14,8 @@ from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimator import EstimatedController, new_filter
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import TRUTH
-from afl_mujoco.scenario.sampling import (
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import (
     SNAP,
     Ticks,
     held_disturbances,
@@ -22,7 +23,6 @@ from afl_mujoco.scenario.sampling import (
     step_times,
     ticks_of,
 )
-from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled import loop

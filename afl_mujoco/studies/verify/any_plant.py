@@ -14,8 +14,8 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import ParameterChange
-from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.integrator import integrate
 from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel

@@ -28,9 +28,9 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.library import write_row
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
-from afl_mujoco.scenario.sampling import held_disturbances
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import staircase
+from afl_mujoco.scenario.time_steps import held_disturbances
 from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, impulse_jump, write_state
 from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco

@@ -22,8 +22,8 @@ from afl_mujoco.scenario.parameters import (
     VELOCITIES,
     CartPoleParameters,
 )
-from afl_mujoco.scenario.sampling import time_grid
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.integrator import along_z, integrate, scipy_solver
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_mujoco, transition

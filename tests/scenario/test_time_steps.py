@@ -5,7 +5,7 @@ import pytest
 
 from afl_mujoco import Scenario, staircase
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.sampling import time_grid, whole_steps
+from afl_mujoco.scenario.time_steps import time_grid, whole_steps
 from tests.messages import line
 
 PERIODS = [1e-3, 2e-3, 7e-3, 0.8]
