@@ -512,16 +512,21 @@ def pd(state):
     return 1.05 * (3.3 * z + 6.5 * z_dot - 64.0 * phi - 29.0 * phi_dot)
 
 
-def remembering(time, state, belief, last=[0.0]):  # noqa: B006
-    last[0] = 0.9 * last[0] + 0.1 * pd(state)
-    return last[0]
+def remembering():
+    last = [0.0]
+
+    def force(time, state, belief):
+        last[0] = 0.9 * last[0] + 0.1 * pd(state)
+        return last[0]
+
+    return force
 
 
 ROUGH = {
     "in_float32": lambda time, state, belief: np.float32(pd(state.astype(np.float32))),
     "rounded": lambda time, state, belief: round(pd(state), 2),
     "switching": lambda time, state, belief: math.copysign(10.0, pd(state)),
-    "remembering": remembering,
+    "remembering": remembering(),
 }
 
 

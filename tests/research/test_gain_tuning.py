@@ -56,7 +56,10 @@ def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_bo
     unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
     _, _, switching, slope, layer, found = gain_tuning.search_pair(unit)
     cost = gain_tuning.gain_cost(1.0, 0.5)
-    along = lambda x: float(cost(np.array([[100.0, x, 90.0]]))[0])  # noqa: E731
+
+    def along(x):
+        return float(cost(np.array([[100.0, x, 90.0]]))[0])
+
     best = minimize_scalar(along, bounds=(1.0, 5.0), method="bounded")
     assert (switching, layer) == pytest.approx((100.0, 90.0), abs=1e-6)
     assert slope == pytest.approx(best.x, abs=1e-2)  # the bottom is flat: cost within 1e-6

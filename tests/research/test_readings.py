@@ -79,8 +79,9 @@ TINY = replace(
 @pytest.mark.slow
 def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatch, capsys) -> None:
     one, find = [], readings.find_readings
-    kept = lambda *given: one.append(find(*given)) or one[0]  # noqa: E731
-    monkeypatch.setattr(readings, "find_readings", kept)
+    monkeypatch.setattr(
+        readings, "find_readings", lambda *given: one.append(find(*given)) or one[0]
+    )
     monkeypatch.setattr(readings, "QUICK", TINY)
     readings.main(["--quick", "--workers", "1", "--out", str(tmp_path)])
     assert "four improvements are within 5 points of Table 3" in capsys.readouterr().out

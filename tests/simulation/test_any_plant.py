@@ -265,7 +265,10 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
         schedule={"load": afl.staircase([0.2, 0.4], [0.02, 0.4, 0.02])},
         initial_state={"x_dot": 1.0, "cable": 0.3, "cable_dot": 0.5, "pitch_dot": 0.2},
     )  # fmt: skip
-    off = lambda time, state, belief: (0.0, 0.0)  # noqa: E731
+
+    def off(time, state, belief):
+        return 0.0, 0.0
+
     run = afl.simulate_mujoco(scenario, off)
     for other in (afl.simulate_mujoco(scenario, off, "exact"), afl.simulate_ode(scenario, off)):
         assert np.abs(run.state - other.state).max() < 1e-11

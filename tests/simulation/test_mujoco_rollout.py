@@ -25,7 +25,9 @@ TIPPING = afl.Scenario(name="tipping", schedule={
 
 @contextmanager
 def at_most(seconds):
-    late = lambda *_: pytest.fail(f"still running after {seconds} s")  # noqa: E731
+    def late(*_):
+        pytest.fail(f"still running after {seconds} s")
+
     before = signal.signal(signal.SIGALRM, late)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
