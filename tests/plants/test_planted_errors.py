@@ -212,14 +212,33 @@ MISTAKES = {  # name: file, what becomes what, what the headline says ("" where 
 }
 
 
-def found(folder: Path, file: str, old: str, new: str) -> str:
+ABSOLUTE = (  # a cart and two links as if the angle of the second were from upright too
+    ("    ca, cb, cab = ", "    a, b, va, vb = q[1], q[2], v[1], v[2]\n    ca, cb, cab = "),
+    ("(ca + cb, rr + 2 * cab + ss, cab + ss)", "(ca, rr, cab)"),
+    ("(total, ca + cb, cb)", "(total, ca, cb)"), ("(cb, cab + ss, ss)", "(cb, cab, ss)"),
+    ("ha + hb, hb)", "ha, hb)"),
+)  # fmt: skip
+TURNED = tuple(
+    (f'<joint name="{name}" axis="0 -1 0"/>', f'<joint name="{name}" axis="0 1 0"/>')
+    for name in ("lower", "upper")
+)
+THROUGHOUT = {
+    "absolute": (CART, ABSOLUTE, "upper of the equations is upper + lower of MuJoCo: relative or"),
+    "turned": (CART.replace(".py", ".xml"), TURNED, "lower and upper have the other sign in the"),
+}
+
+
+def found(folder: Path, file: str, *changes: tuple[str, str]) -> str:
     for one in EXAMPLES.glob("*"):
         if one.suffix in (".py", ".xml", ".yml"):
             shutil.copy(one, folder)
     text = (folder / file).read_text()
-    assert text.count(old) == 1, (file, old)
-    (folder / file).write_text(text.replace(old, new))
-    result = afl.check(load_plant(f"{file}:plant", folder), samples=100)
+    for old, new in changes:
+        assert text.count(old) == 1, (file, old)
+        text = text.replace(old, new)
+    (folder / file).write_text(text)
+    plant = file.replace(".xml", ".py")
+    result = afl.check(load_plant(f"{plant}:plant", folder), samples=100)
     assert not result.passed
     return result.headline
 
@@ -234,12 +253,18 @@ def own_modules(monkeypatch: pytest.MonkeyPatch, interpreted: None) -> None:
 
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_found_and_named(mistake: str, tmp_path: Path) -> None:
-    *change, named = MISTAKES[mistake]
-    headline = found(tmp_path, *change)
+    file, old, new, named = MISTAKES[mistake]
+    headline = found(tmp_path, file, (old, new))
     if named:
         assert named in headline
     else:  # it says nothing rather than something wrong
         assert "equations and MJCF differ by up to" in headline
+
+
+@pytest.mark.parametrize("mistake", THROUGHOUT)
+def test_other_coordinates_throughout_are_named(mistake: str, tmp_path: Path) -> None:
+    file, changes, named = THROUGHOUT[mistake]
+    assert named in found(tmp_path, file, *changes)
 
 
 def test_most_mistakes_have_a_name() -> None:
