@@ -373,8 +373,6 @@ def _in_one_line(error: Any, kind: Any) -> str:
         case "missing" | "missing_argument", _:
             got = ""
     said = first["msg"].replace("Input should", "must", 1).replace("an object", "a table")
-    if place and place[-1] == "str":  # a member of a union
-        place = place[:-1]
     rule, key = _RULES.get(first["type"], said), _resolved(kind, place)[0]
     if first["type"] == "list_type" and isinstance(first["input"], dict):
         rule += f" of tables, each of which begins with [[{key}]]"
@@ -389,7 +387,7 @@ def _joined(key: str, part: str) -> str:
 def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
     """Return a user's name of a place in a dataclass, ``schedule.pieces[0]``, and its type.
 
-    Pydantic's names also have the tags of the members of unions; a user's do not.
+    Pydantic's names also have the members of unions, by tag or type; a user's do not.
     """
     key, here = "", _bare(kind)
     for part in place:
@@ -400,6 +398,8 @@ def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
         elif get_origin(here) is dict:
             key, here = _joined(key, part), _bare(get_args(here)[1])
         elif members := [one for one in get_args(here) if is_dataclass(one) and _tag(one) == part]:
+            here = members[0]
+        elif members := [one for one in get_args(here) if getattr(one, "__name__", "") == part]:
             here = members[0]
         else:
             key, here = _joined(key, part), None

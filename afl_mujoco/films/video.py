@@ -22,14 +22,12 @@ from afl_mujoco.films.replay import frame_times, record
 from afl_mujoco.films.scene import require_size
 from afl_mujoco.pool import interrupts_held, open_executor
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.values import require_distinct
 
 MOST_RUNS, MOST_FPS = 4, 240  # largest number of runs in a film, and of frames per second
 POSTER_TIME = 1.0  # instant of the poster [s], by which no film has stopped early
 QUALITY = 21  # constant rate factor of x264: a little better than its default
-
-AS_IS = Deployed()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +36,7 @@ class Film:
 
     scenario: Scenario
     controllers: tuple[Controller, ...]
-    deployment: Deployed = AS_IS
+    deployment: Deployed = DEFAULT
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
     command: str = ""
@@ -88,7 +86,7 @@ class Film:
 def side_by_side(
     scenario: Scenario,
     controllers: Sequence[Controller],
-    deployment: Deployed = AS_IS,
+    deployment: Deployed = DEFAULT,
     **settings: Any,
 ) -> Film:
     """Return the film of the first `MOST_RUNS` controllers on a scenario."""
@@ -103,7 +101,7 @@ def side_by_side(
 def plan(
     scenarios: Sequence[Scenario],
     controllers: Sequence[Controller],
-    deployment: Deployed = AS_IS,
+    deployment: Deployed = DEFAULT,
     **settings: Any,
 ) -> list[Film]:
     """Return the films of some scenarios: one per controller, and several side by side."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -45,8 +45,11 @@ FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k
 ALIKE = 3
 """How many mistakes are named that look alike, for want of a parameter that varies."""
 
-SMALL, MANY = 1e-5, 4
-"""Step of differences in time, relative to the fastest rate, and a number of coordinates."""
+SMALL = 1e-5
+"""Step of differences in time, relative to the fastest rate."""
+
+MANY = 4
+"""Coordinates up to which every set of them is tried with the other sign; of more, pairs."""
 
 PASSIVE = {
     "dof_damping": "damping", "jnt_stiffness": "stiffness", "dof_armature": "armature",
@@ -215,6 +218,20 @@ class Search:
         parts = (turn.T @ m @ turn, h, b if "inputs" in ours else turn.T @ b)
         return self.residual(np.hstack([x.reshape(len(x), -1) for x in parts]))
 
+    @cached_property
+    def rows(self) -> list[tuple[str, str, Floats]]:
+        """Terms in all equations and in that of one coordinate: name, where it is, itself."""
+        found = []
+        for name, part in self.parts():
+            ((field, whole),) = part.items()
+            found.append((f"the term {name}", field, whole))
+            if field == "bias":
+                found += [
+                    (f"the term {name} on {x}", field, _only(whole, (slice(None), i)))
+                    for i, x in enumerate(self.plant.coordinates)
+                ]
+        return found
+
     # The suspects
 
     def families(self) -> Iterator[list[Suspect]]:
@@ -242,10 +259,9 @@ class Search:
             yield [(partial(_amount, f"{word} of {name}", has[:, j]),
                     self.edited(j, **{field: more}))
                    for j, name in enumerate(self.plant.coordinates)]  # fmt: skip
-        names, bias = self.plant.coordinates, self.terms.bias
+        names, bias, v = self.plant.coordinates, self.terms.bias, self.points.v
         yield [(partial(_drag, names[i], names[j]),
-                self.residual(bias=bias + _only(self.points.v[:, [j]] + 0.0 * bias,
-                                                (slice(None), i))))
+                self.residual(bias=bias + np.outer(v[:, j], np.eye(len(names))[i])))
                for i, j in itertools.permutations(range(len(names)), 2)]  # fmt: skip
 
     def together(self, family: Sequence[Suspect]) -> Iterator[str]:
@@ -300,13 +316,13 @@ class Search:
             flip[some, some] = -1.0
             yield partial(_whole, said), self.turned(flip, ours)
         for words, turn in self.turns():
-            said = f"{words} of MuJoCo{{}}: relative or absolute"
-            for ours in self.kept():
-                yield partial(_whole, said.format("")), self.turned(turn, ours)
             places, rates = q @ turn.T, v @ turn.T
-            yield partial(_whole, said.format("")), self.given(q=places, v=rates)
-            yield partial(_whole, said.format(", not its rate")), self.given(q=places)
-            yield partial(_whole, said.format(", of rates only")), self.given(v=rates)
+            tried = [("", self.turned(turn, ours)) for ours in self.kept()]
+            tried.append(("", self.given(q=places, v=rates)))
+            tried.append((", not its rate", self.given(q=places)))
+            tried.append((", of rates only", self.given(v=rates)))
+            for part, left in tried:
+                yield partial(_whole, f"{words} of MuJoCo{part}: relative or absolute"), left
         for i, name in enumerate(names):
             if not self.trees[0].slides[i]:
                 yield from self.angle(own[i], name)
@@ -353,13 +369,14 @@ class Search:
                   "inertia": "body_inertia"}  # fmt: skip
         for k, (parameter, one) in enumerate(self.plant.parameters.items()):
             for (b, name), (word, field) in itertools.product(self.bodies, fields.items()):
-                ratios = iter((self.points.p[:, k] / one.value).tolist())  # one for each tree
-
-                def by(x: Floats, tree: Tree, ratios: Iterator[float] = ratios) -> Floats:
-                    return next(ratios) * x
-
+                trees = [
+                    tree._replace(**{field: getattr(tree, field) + (x - 1.0) * own})
+                    for tree, x in zip(self.trees, self.points.p[:, k] / one.value, strict=True)
+                    for own in (_only(getattr(tree, field), b),)
+                ]
                 said = f"the {word} of body {name} goes with {parameter} in the equations only"
-                yield partial(_whole, f"{said}: not written"), self.edited(b, **{field: by})
+                left = self.residual(**self.terms_of(trees)._asdict())
+                yield partial(_whole, f"{said}: not written"), left
 
     def stale(self) -> Iterator[str]:
         """Yield a parameter that the equations do not read, and the constant in its place."""
@@ -434,18 +451,9 @@ class Search:
         found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
         return found
 
-    def rows(self) -> Iterator[tuple[str, str, Floats]]:
-        """Yield terms in all equations and in that of one coordinate: name, where it is, itself."""
-        for name, part in self.parts():
-            ((field, whole),) = part.items()
-            yield f"the term {name}", field, whole
-            if field == "bias":
-                for i, x in enumerate(self.plant.coordinates):
-                    yield f"the term {name} on {x}", field, _only(whole, (slice(None), i))
-
     def single_terms(self) -> Iterator[Suspect]:
         """Yield a share of one term."""
-        for name, field, term in self.rows():
+        for name, field, term in self.rows:
             changed = {field: getattr(self.terms, field) + term}
             yield partial(_share, name), self.residual(**changed)
 
@@ -453,7 +461,7 @@ class Search:
         """Yield one term that has a parameter as a factor once too often, or too seldom."""
         powers = {-1.0: "is without a factor {} in", 1.0: "has {} as a factor too much in"}
         for (name, field, term), (k, parameter) in itertools.product(
-            self.rows(), enumerate(self.plant.parameters)
+            self.rows, enumerate(self.plant.parameters)
         ):
             p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
             for power, words in powers.items():
@@ -516,7 +524,7 @@ def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
 
 
 def _subsets(count: int) -> Iterator[list[int]]:
-    """Yield which of some things may be meant, few of them first; of many, up to two."""
+    """Yield which of some coordinates may be meant, few of them first."""
     for size in range(1, (count if count <= MANY else 2) + 1):
         yield from map(list, itertools.combinations(range(count), size))
 

@@ -206,6 +206,9 @@ class Deployed:
         )
 
 
+DEFAULT = Deployed()
+
+
 def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
     """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
 

@@ -450,10 +450,9 @@ def signals_of(
                 found[name] = whole
                 continue
         found[name] = each(name, every)
-    for name, signal_values in found.items():
-        lost = np.isnan(signal_values) & np.isfinite(states).all(axis=1)
-        if lost.any():
-            where = dict(zip(plant.states, states[np.argmax(lost)].tolist(), strict=True))
+    for name, along in found.items():
+        if (lost := np.flatnonzero(np.isnan(along))).size and np.isfinite(states[lost[0]]).all():
+            where = dict(zip(plant.states, states[lost[0]].tolist(), strict=True))
             rule = "must be a number along a run"
             raise InvalidValueError(f"signal {name!r}", rule, f"nan at {where}")
     return found

@@ -121,10 +121,10 @@ def prepare(options: Options) -> Request:
     film = names if o.film else ()
     request = Request(scenarios, controllers, deployed, o.draws, film).require()
     if film:
-        from afl_mujoco.films.video import AS_IS, side_by_side
+        from afl_mujoco.films.video import side_by_side
 
         for scenario in scenarios:  # raises if it does not last a frame
-            side_by_side(scenario, controllers, AS_IS)
+            side_by_side(scenario, controllers)
     return request
 
 

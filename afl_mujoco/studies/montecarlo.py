@@ -148,9 +148,9 @@ def prepare(options: Options) -> Request:
     space, controllers = request.space, request.controllers
     require_samples(controllers, space, request.samples, o.seed, request.deployed)
     if o.film:
-        from afl_mujoco.films.video import AS_IS, side_by_side
+        from afl_mujoco.films.video import side_by_side
 
-        side_by_side(space.scenario, controllers[:1], AS_IS)  # raises if it is too short
+        side_by_side(space.scenario, controllers[:1])  # raises if it is too short
     return request
 
 

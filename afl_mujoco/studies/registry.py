@@ -12,10 +12,8 @@ import afl_mujoco.studies as package
 from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.studies.contract import Study
 
-_NAMED = re.compile(
-    r"^STUDY = Study\(.*?\bname=\"(\w+)\".*?\border=(\d+)(?:.*?\bstem=\"(\w+)\")?.*?\)$",
-    re.S | re.M,
-)
+_STUDY = re.compile(r"^STUDY = Study\((.*?)\)$", re.S | re.M)
+_GIVEN = re.compile(r"\b(name|order|stem)=\"?(\w+)")
 
 
 class Listed(NamedTuple):
@@ -54,8 +52,9 @@ def _found(paths: tuple[str, ...]) -> tuple[Listed, ...]:
     for folder in map(Path, paths):
         for path in folder.glob("*.py"):
             text = path.read_text(encoding="utf-8")
-            if named := _NAMED.search(text):
+            if named := _STUDY.search(text):
                 module, summary = f"{package.__name__}.{path.stem}", text.splitlines()[0].strip('"')
-                stem = named[3] or named[1]
-                found.append(Listed(int(named[2]), named[1], module, summary, stem))
+                given: dict[str, str] = dict(_GIVEN.findall(named[1]))
+                name, stem = given["name"], given.get("stem", given["name"])
+                found.append(Listed(int(given["order"]), name, module, summary, stem))
     return tuple(sorted(found))

@@ -426,7 +426,7 @@ def search_worst(
     hardest = search(HARDEST, points[worst], worst)
     known = [(points[i], i) for i, run in enumerate(runs) if run.failure]
     known += [(np.array(hardest.point), run.draw) for run in hardest.run if run.failure]
-    itself = np.array(space.reference, dtype=np.float64)
+    itself = space.reference
     known += [(itself, run.draw) for run in at([itself], worst) if run.failure]
     if not known:
         return [hardest]

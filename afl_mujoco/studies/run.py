@@ -14,7 +14,7 @@ from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationErr
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
     Judgement,
@@ -40,9 +40,6 @@ def columns_of(plant: Plant) -> tuple[str, ...]:
         *(f"iae_{name}" for name in plant.coordinates),
         "settling_time",
     )
-
-
-DEFAULT = Deployed()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

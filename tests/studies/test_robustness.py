@@ -18,7 +18,7 @@ from afl_mujoco.scenario.sample_space import (
     sample_scenario,
     search_generator,
 )
-from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies import robustness
 from afl_mujoco.studies.bisection import BRACKETED
 from afl_mujoco.studies.cube_search import Budget, minimise
@@ -36,7 +36,7 @@ from afl_mujoco.studies.robustness import (
     sweep,
     worst_scenario,
 )
-from afl_mujoco.studies.run import DEFAULT, Run, run_all
+from afl_mujoco.studies.run import Run, run_all
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
