@@ -153,7 +153,8 @@ class View(_Deployed):
         from afl_mujoco.films.replay import record
         from afl_mujoco.films.scene import view
 
-        view(record(scenario, controller, self.deployment, FRAMES_A_SECOND), self.speed)
+        fps = FRAMES_A_SECOND
+        view(record(scenario, controller, self.deployment, fps), fps, self.speed)
         return SUCCESS
 
 

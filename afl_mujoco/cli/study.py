@@ -60,7 +60,7 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
     """
     from afl_mujoco.files import write_text
     from afl_mujoco.films.listing import load_listing
-    from afl_mujoco.films.sections import sections as film_sections
+    from afl_mujoco.films.listing import sections as film_sections
     from afl_mujoco.report.page import Part, to_html
     from afl_mujoco.studies.record import PAGE, load_records
 

@@ -1,118 +1,161 @@
-"""The path of the camera, which follows the cart smoothly and keeps the pole in the picture."""
+"""Where the camera stands, and where a picture shows a point."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import cos, radians, sin, tan
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.simulation.poses import SMOOTHING
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
+from afl_mujoco.simulation.poses import FLAT, corners, follow, kept, posed
 
-SLOPE = tan(radians(15.0))
-"""Half of the picture's height over the distance: the field of view of ``models/scene.xml``."""
+AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
+"""By how much the camera looks past the plane of motion, and above the horizon [deg]: at a motion
+in a plane, and at any other."""
 
-ELEVATION = -9.0  # angle of the line of sight above the horizon [deg]
-
-TILT = radians(ELEVATION)
-
-TRACK = -0.3  # height of the track [m]
-
-NUMBERS_Y, NUMBERS_Z = -0.78, -0.36
-"""Position of the numbers of the rail: in front of the track, a little lower [m]."""
-
-BEYOND_TIP = 0.15  # room above the longest pole [m]
-
-TOGETHER = 6.0
-"""Cart-pole and ghost are both kept in the picture while they span less than this [m]."""
-
-CART_REACH = 0.45  # room on both sides of a cart's centre [m]
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Frame:
-    """Margins around the cart-poles, as shares of the picture; `foot` is below the numbers."""
+    """Margins around what moves, as shares of the picture."""
 
     side: float = 0.04
     top: float = 0.14
     bottom: float = 0.25
-    foot: float = 0.165
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class CameraPath:
-    """A camera that looks along y at the plane of motion.
+class Standpoint:
+    """A camera of the MJCF, or one that looks at a point of each frame from a distance."""
 
-    Its target is at `x`, one for each frame, and `height` above the hinge [m].
+    aims: Floats | None = None  # where it looks in each frame [m], None for a camera of the MJCF
+    distance: float = 0.0
+    azimuth: float = 90.0
+    elevation: float = 0.0
+
+    def camera(self, index: int) -> mujoco.MjvCamera | int:
+        """Return the camera of a frame."""
+        if self.aims is None:
+            return 0
+        found = mujoco.MjvCamera()
+        found.type = mujoco.mjtCamera.mjCAMERA_FREE
+        found.lookat[:] = self.aims[index]
+        found.distance, found.azimuth = self.distance, self.azimuth
+        found.elevation = self.elevation
+        return found
+
+    @property
+    def toward(self) -> Floats:
+        """Where the camera is, seen from what it films, as a unit vector."""
+        angle = np.radians(self.azimuth)
+        return -np.array([np.cos(angle), np.sin(angle), 0.0])
+
+
+def project(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> tuple[float, float]:
+    """Return where a point [m] is in the picture, column and row [px]; NaN behind the camera."""
+    eye, scale = scene.camera[0], scale_of(scene, size, point)
+    away, forward, up = point - eye_of(scene), np.array(eye.forward), np.array(eye.up)
+    right = float(away @ np.cross(forward, up))
+    return 0.5 * size[0] + scale * right, 0.5 * size[1] - scale * float(away @ up)
+
+
+def scale_of(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> float:
+    """Return how large a picture shows what is at a point [px/m]; NaN behind the camera."""
+    eye = scene.camera[0]
+    depth = float((point - eye_of(scene)) @ np.array(eye.forward))
+    return 0.5 * size[1] * eye.frustum_near / eye.frustum_top / depth if depth > 0.0 else np.nan
+
+
+def eye_of(scene: mujoco.MjvScene) -> Floats:
+    """Return where the camera of a scene is [m]: in the middle of its two eyes."""
+    left, right = scene.camera
+    return 0.5 * (np.array(left.pos, np.float64) + np.array(right.pos, np.float64))
+
+
+def watch(
+    model: SimulatedModel,
+    replays: Sequence[Replay],
+    fps: int,
+    size: tuple[int, int],
+    frame: Frame,
+) -> list[Standpoint]:
+    """Return for each run where the camera stands: the MJCF's own, else one for what moves.
+
+    That is one for all runs, at rest while they stay about where they are, else with each of them;
+    every moving body is in the frame at every instant.
     """
-
-    x: NDArray[np.float64]
-    height: float
-    distance: float
-    size: tuple[int, int]
-
-    def project(
-        self, index: int, x: NDArray[np.float64], y: float, z: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return where points [m] appear through a pinhole, shape (K, 2), (column, row) [px]."""
-        width, height = self.size
-        above = z - self.height
-        depth = self.distance + y * cos(TILT) + above * sin(TILT)
-        scale = 0.5 * height / SLOPE / depth
-        column = 0.5 * width + (x - self.x[index]) * scale
-        row = 0.5 * height - (above * cos(TILT) - y * sin(TILT)) * scale
-        return np.stack(np.broadcast_arrays(column, row), -1)
-
-    def seen(self, index: int, spacing: float) -> NDArray[np.float64]:
-        """Return the multiples of a spacing along the rail that the camera sees [m]."""
-        reach = 0.3 * self.distance * self.size[0] / self.size[1]
-        first, last = np.ceil((self.x[index] - reach) / spacing), (self.x[index] + reach) / spacing
-        return spacing * np.arange(first, last)
+    if model.mj_model.ncam and model.plant is replays[0].plan.plant:  # and not those of a scene
+        return [Standpoint() for _ in replays]
+    seen = [_moving(model, replay) for replay in replays]  # (frames, points, 3) each
+    aims, _, own = follow(seen, fps)
+    around = kept(seen, aims, own)
+    bodies = int(np.count_nonzero(model.mj_model.body_weldid))
+    centres = np.concatenate([points[:, :bodies].reshape(-1, 3) for points in seen])
+    width, depth = np.ptp(centres[:, 0]), np.ptp(centres[:, 1])
+    past, elevation = AHEAD if min(width, depth) <= FLAT * max(width, depth) else ASKANCE
+    azimuth = (90.0 if width >= depth else 180.0) + past
+    axes = _axes(azimuth, elevation)
+    distance, offset = _distance(around @ axes.T, model.mj_model.vis.global_.fovy, size, frame)
+    return [
+        Standpoint(
+            aims=aim + offset @ axes[:2],
+            distance=distance,
+            azimuth=azimuth,
+            elevation=elevation,
+        )
+        for aim in aims
+    ]
 
 
-def follow(replay: Replay, fps: int, size: tuple[int, int], frame: Frame) -> CameraPath:
-    """Return a path that keeps the cart-pole in the frame, and the ghost while they are together.
+def _moving(model: SimulatedModel, replay: Replay) -> Floats:
+    """Return centres of mass and corners of what moves, in each frame, shape (N, points, 3)."""
+    m, d = model.mj_model, model.mj_data
+    geoms = np.flatnonzero(m.body_weldid[m.geom_bodyid] > 0)
+    bodies = np.flatnonzero(m.body_weldid > 0)
+    found = np.empty((len(replay.time), len(bodies) + 8 * len(geoms), 3))
+    for index in posed(model, replay.values, replay.state):
+        found[index] = np.concatenate([d.xipos[bodies], corners(m, d, geoms.tolist())])
+    return found
 
-    At the chosen distance the longest pole of the film fits at any angle. The position is that of
-    the cart averaged over about a second, limited so that the cart does not leave the frame.
+
+def _axes(azimuth: float, elevation: float) -> Floats:
+    """Return where right, up and forward are for a camera [1], a row each."""
+    a, e = np.radians((azimuth, elevation))
+    forward = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+    right = np.array([np.sin(a), -np.cos(a), 0.0])
+    return np.array([right, np.cross(right, forward), forward])
+
+
+def _distance(
+    points: Floats, fovy: float, size: tuple[int, int], frame: Frame
+) -> tuple[float, Floats]:
+    """Return the least distance from which points are in the frame, and where to look.
+
+    points: Right, up and forward of the aim [m], shape (K, 3).
     """
-    assert replay.ideal is not None  # a cart-pole has equations
-    cart, ghost = replay.state[:, 0], replay.ideal[:, 0]
-    low, high = _extent(replay.state, replay.half_length)
-    other_low, other_high = _extent(replay.ideal, replay.half_length)
-    both_low, both_high = np.minimum(low, other_low), np.maximum(high, other_high)
-    together = both_high - both_low < TOGETHER
-    low, high = np.where(together, both_low, low), np.where(together, both_high, high)
-    reach = 2.0 * float(replay.half_length.max()) + BEYOND_TIP
-    across = SLOPE * size[0] / size[1] * (1.0 - 2.0 * frame.side)
-    height, distance = _standpoint(reach, float((high - low).max()), across, frame)
-    half = across * (distance + reach * sin(TILT))  # half of what the frame spans at the tip [m]
-    centre = np.where(together, 0.5 * (cart + ghost), cart)
-    smooth = gaussian_filter1d(centre, SMOOTHING * fps, mode="nearest")
-    x = np.clip(smooth, high - half, low + half)
-    return CameraPath(x=x, height=height, distance=distance, size=size)
+    right, up, forward = points.T
+    slope = np.tan(np.radians(0.5 * fovy))
+    side = slope * size[0] / size[1] * (1.0 - 2.0 * frame.side)
+    above, below = slope * (1.0 - 2.0 * frame.top), slope * (1.0 - 2.0 * frame.bottom)
 
+    def room(distance: float) -> list[tuple[float, float]]:
+        depth = distance + forward
+        return [
+            (float((right - side * depth).max()), float((right + side * depth).min())),
+            (float((up - above * depth).max()), float((up + below * depth).min())),
+        ]
 
-def _extent(
-    state: NDArray[np.float64], half_length: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return how far a cart-pole reaches along the rail [m]."""
-    cart, tip = state[:, 0], state[:, 0] - 2.0 * half_length * np.sin(state[:, 1])
-    return np.minimum(cart - CART_REACH, tip), np.maximum(cart + CART_REACH, tip)
-
-
-def _standpoint(reach: float, span: float, across: float, frame: Frame) -> tuple[float, float]:
-    """Return the height to look at and the distance from which track, pole and span fit."""
-    up, down = 1.0 - 2.0 * frame.top, 1.0 - 2.0 * frame.bottom  # of half the picture's height
-    height = (up * TRACK + down * reach) / (up + down)
-    low = NUMBERS_Z - height
-    depressed = (NUMBERS_Y * sin(TILT) - low * cos(TILT)) / ((1.0 - 2.0 * frame.foot) * SLOPE)
-    return height, max(
-        (reach - height) * (cos(TILT) / (up * SLOPE) - sin(TILT)),
-        (height - TRACK) * (cos(TILT) / (down * SLOPE) + sin(TILT)),
-        depressed - NUMBERS_Y * cos(TILT) - low * sin(TILT),
-        0.5 * span / across - reach * sin(TILT),
-    )
+    low = float(-forward.min()) + 1e-3
+    high = low + 1.0
+    while any(least > most for least, most in room(high)):
+        high = low + 2.0 * (high - low)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        fits = all(least <= most for least, most in room(middle))
+        low, high = (low, middle) if fits else (middle, high)
+    return high, np.array([0.5 * (least + most) for least, most in room(high)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -22,21 +21,18 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from afl_mujoco.films.camera import NUMBERS_Y, NUMBERS_Z, CameraPath, Frame
+from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
-from afl_mujoco.films.scene import GHOST, open_scene
-from afl_mujoco.films.standpoint import Standpoint
+from afl_mujoco.films.scene import GHOST, Number, open_scene
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.parameters import labelled
-from afl_mujoco.simulation.decor import BAR, FORCE, PUSH, Colour
-from afl_mujoco.simulation.remarks import SAID
+from afl_mujoco.simulation.decor import FORCE, PUSH, Colour
 
 Picture = NDArray[np.uint8]
 Rgb = tuple[int, int, int]
 INK: Rgb = (238, 241, 246)
 QUIET: Rgb = (164, 172, 186)
 WARNING: Rgb = (255, 176, 102)
-POLE: Rgb = (217, 115, 38)
 DIVIDER: Rgb = (70, 80, 98)
 LIMIT = "#ffb066"
 TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
@@ -45,11 +41,13 @@ TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 DESIGN = (1280, 720)  # size of the picture for which the sizes of letters are given [px]
 
 SMALLEST_LETTER = 10
-BESIDE, PART_LETTERS = Frame(top=0.2, bottom=0.36, foot=0.29), 1.15
-"""Where cart-poles stay in a part of a picture, and the size of letters there."""
+BESIDE, PART_LETTERS = Frame(top=0.2, bottom=0.36), 1.15
+"""Where plants stay in a part of a picture, and the size of letters there."""
 
 MOST_CURVES, LETTER = 12, 0.62
-"""Most curves of another plant than the cart-pole, and the width of a letter over its height."""
+"""Most curves, and the width of a letter over its height."""
+
+READOUTS = 70  # height of the readouts at the size of the design [px]
 
 PLOT_HEIGHT = 360
 """Height of plots for which the sizes of their letters and lines are given [px], at 100 dpi."""
@@ -110,16 +108,17 @@ def frames(
     behind[0] = write(behind[0], [subtitle])
     corner = min(1, len(replays) - 1)
     behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], s))
-    with open_scene(replays[0], part) as scene:
-        paths = scene.paths(replays, fps, part, frame)
+    with open_scene(replays, fps, part, frame) as scene:
         last = last_frame(replays, fps)
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
-            for replay, path, back, (y, x) in zip(replays, paths, behind, places, strict=False):
-                drawn = np.maximum(scene.draw(replay, index, path), back)
-                texts = _numbers(replay, index, path, s, ending)
-                picture[y : y + part[1], x : x + part[0]] = write(drawn, texts)
+            for replay, path, back, (y, x) in zip(
+                replays, scene.stage.paths, behind, places, strict=False
+            ):
+                drawn, marks = scene.draw(replay, index, path)
+                texts = _numbers(replay, index, marks, part, s, ending)
+                picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
             if not alone:
                 picture[: part[1] if two else height, part[0]] = DIVIDER
             if len(replays) > 2:
@@ -156,17 +155,16 @@ def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
 def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> list[Text]:
     """Return what the colours mean, and how the controllers of several runs are deployed."""
     short = held.removeprefix("as deployed: ")
-    lines = [("pale: ideal ODE", QUIET), (short, QUIET)]
-    if not replay.plan.is_cart_pole:
-        first = "pale: ideal loop" if replay.ideal is not None else ""
-        lines = [(first, QUIET)] + ([] if alone else [(short, QUIET)])
-    elif alone:
+    lines = [(f"pale: {replay.ghost}" if replay.ghost else "", _rgb(GHOST))]
+    if alone:
         lines = [
-            ("solid: MuJoCo", POLE),
-            ("pale rim: ideal ODE, apart by |Δz| and |Δφ|", _rgb(GHOST)),
-            ("force F of the controller (length ~ √F)", _rgb(FORCE)),
-            ("disturbance D", _rgb(PUSH)),
+            ("solid: MuJoCo", INK),
+            *lines,
+            ("force of a drive (length ~ √force)", _rgb(FORCE)),
         ]
+        lines += [("disturbance", _rgb(PUSH))] if replay.channels.any() else []
+    else:
+        lines.append((short, QUIET))
     return [
         Text(width - 28 * s, (40 + 23 * row) * s, text, 16 * s, colour, "rs")
         for row, (text, colour) in enumerate(lines)
@@ -174,24 +172,23 @@ def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> lis
 
 
 def _numbers(
-    replay: Replay, index: int, path: CameraPath | Standpoint, s: float, ending: bool
+    replay: Replay,
+    index: int,
+    marks: Sequence[Number],
+    size: tuple[int, int],
+    s: float,
+    ending: bool,
 ) -> list[Text]:
-    """Return what changes over a run: distances along the rail, readouts, how it ended."""
-    width, height = path.size
-    texts: list[Text] = []
+    """Return what changes over a run: distances along rails, readouts, how it ended."""
+    width, height = size
+    texts = [
+        Text(x, y, _minus(f"{place:g} m"), 15 * s, QUIET, "mt")
+        for place, (x, y) in marks
+        if 0.0 < x < width and y < height - (READOUTS + 15) * s
+    ]
     numbers = [(label, _minus(value)) for label, value in replay.readouts(index)]
-    if isinstance(path, CameraPath):
-        places = path.seen(index, 2.0 * BAR)
-        spots = path.project(index, places, NUMBERS_Y, np.full(places.shape, NUMBERS_Z))
-        gap = float(np.diff(spots[:, 0]).min()) if len(spots) > 1 else math.inf
-        every = max(1, math.ceil(70 * s / gap))
-        texts = [
-            Text(x, y, _minus(f"{round(place)} m"), 15 * s, QUIET, "mt")
-            for place, (x, y) in zip(places.tolist(), spots.tolist(), strict=True)
-            if 0.0 < x < width and round(place) % every == 0
-        ]
     numbers = _fitting(numbers, (width - 28 * s) / s)
-    weights = np.array([max(len(label), 1.25 * len(value)) + 2.0 for label, value in numbers])
+    weights = np.array([max(len(label), 1.5 * len(value)) + 2.0 for label, value in numbers])
     shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
     columns = 28 * s + (width - 36 * s) * shares
     for x, (label, value) in zip(columns.tolist(), numbers, strict=False):
@@ -222,7 +219,7 @@ def _rgb(colour: Colour) -> Rgb:
 
 
 def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[float], Picture]:
-    """Draw curves of runs of one scenario, of the cart-pole phi, z, F, M and l, once.
+    """Draw curves of runs of one scenario, once.
 
     Returns the picture with the curves up to an instant [s] and a cursor there.
     """
@@ -233,14 +230,7 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
         dpi = 100.0 * size[1] / PLOT_HEIGHT
         figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
         canvas = FigureCanvasAgg(figure)
-        if replays[0].plan.is_cart_pole:
-            below = 1 + len(replays[0].changing)
-            grid = figure.add_gridspec(2, 2 * below)
-            axes = [figure.add_subplot(grid[0, k * below : (k + 1) * below]) for k in (0, 1)]
-            axes += [figure.add_subplot(grid[1, 2 * k : 2 * k + 2]) for k in range(below)]
-            curves = _plot(axes, replays, end)
-        else:
-            axes, curves = _plot_plant(figure, replays, end)
+        axes, curves = _plot(figure, replays, end)
         full = _drawn(canvas)
         for line in curves:
             line.set_visible(False)
@@ -273,36 +263,11 @@ PLAIN: dict[str, Any] = {"color": "#dfe3ea", "lw": 1.5}
 """How curves look that are the same in every run."""
 
 
-def _plot(axes: Sequence[Axes], replays: Sequence[Replay], end: float) -> list[Line2D]:
-    lines: list[Line2D] = []
-    for replay, style in zip(replays, _styles(replays), strict=False):
-        curves = (replay.state[:, 1], replay.state[:, 0], replay.force)
-        for axis, curve in zip(axes, curves, strict=False):
-            lines += axis.plot(replay.time, curve, **style)
-    for line in lines[2::3]:  # the force, in which noise shows
-        line.set_linewidth(0.7)
-    usual = [np.abs(x.force[x.time < x.end - FALLING]) for x in replays]
-    most = 1.1 * max([0.1, *np.concatenate(usual), *np.abs(replays[0].limits("force"))])
-    axes[2].set_ylim(-most, most)  # as a run falls, the force may diverge
-    labels = ["φ [rad]", "z [m]", "F [N]"]
-    for axis, (name, unit, curve) in zip(axes[3:], replays[0].changing, strict=True):
-        lines += axis.plot(replays[0].time, curve, **PLAIN)
-        axis.set_ylim(0.0, 1.1 * float(curve.max()))
-        labels.append(labelled(SAID.get(name, name), unit))
-    for axis, name in zip(axes, ("phi", "z", "force"), strict=False):
-        for limit in replays[0].limits(name):
-            axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
-    _label(axes, labels, end, axes[2:], lines[: 3 * len(replays) : 3])
-    return lines
-
-
-def _plot_plant(
-    figure: Figure, replays: Sequence[Replay], end: float
-) -> tuple[list[Axes], list[Line2D]]:
+def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[Axes], list[Line2D]]:
     """Draw coordinates, inputs with their limits, and parameters that change, in this order."""
     scenario = replays[0].plan
     plant, changing = scenario.plant, replays[0].changing
-    names = (*plant.coordinates, *plant.inputs)
+    names, first = (*plant.coordinates, *plant.inputs), len(plant.coordinates)
     labels = [labelled(name, plant.units[name]) for name in names]
     labels += [labelled(name, unit) for name, unit, _ in changing]
     labels = labels[:MOST_CURVES]
@@ -311,18 +276,21 @@ def _plot_plant(
     axes = [figure.add_subplot(rows, columns, 1 + i) for i in range(len(labels))]
     lines: list[Line2D] = []
     for replay, style in zip(replays, _styles(replays), strict=False):
-        courses = (*replay.state.T[: len(plant.coordinates)], *replay.inputs.T)
-        for axis, curve in zip(axes, courses, strict=False):
-            lines += axis.plot(replay.time, curve, **style)
+        courses = (*replay.state.T[:first], *replay.inputs.T)
+        for i, (axis, curve) in enumerate(zip(axes, courses, strict=False)):
+            thin = {"lw": 0.7} if i >= first else {}  # an input, in which noise shows
+            lines += axis.plot(replay.time, curve, **{**style, **thin})
     count = len(lines) // len(replays)
-    first = len(plant.coordinates)
+    drives = zip(axes[first:], plant.inputs, scenario.limits, strict=False)
+    for i, (axis, name, limits) in enumerate(drives):
+        for limit in limits[np.isfinite(limits)]:
+            axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
+        usual = [np.abs(x.inputs[x.time < x.end - FALLING, i]) for x in replays]
+        most = 1.1 * max([*np.concatenate(usual), *np.abs(replays[0].limits(name))], default=0.0)
+        axis.set_ylim(-(most or 1.0), most or 1.0)  # as a run falls, commands may diverge
     for axis, name in zip(axes, names, strict=False):
         for limit in replays[0].limits(name):
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
-    for axis, (low, high) in zip(axes[first:], scenario.limits.tolist(), strict=False):
-        for limit in (low, high):
-            if math.isfinite(limit):
-                axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
     for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
         lines += axis.plot(replays[0].time, curve, **PLAIN)
     _label(axes, labels, end, axes[-columns:], lines[: count * len(replays) : count])

@@ -18,13 +18,11 @@ from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
+from afl_mujoco.simulation.poses import between, changing
 from afl_mujoco.simulation.trajectory import Trajectory
 
 AFTERWARDS = 1.0
 """How long a film goes on when every run has ended, and shows a verdict at its end [s]."""
-
-GHOSTS = {True: "ideal ODE", False: "ideal loop"}
-"""What the ghost of a cart-pole is, and that of another plant."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,6 +38,7 @@ class Replay:
     time: NDArray[np.float64]
     state: NDArray[np.float64]  # shape (N, 2 n)
     ideal: NDArray[np.float64] | None  # the same of the ghost, if there is one
+    ghost: str  # what the ghost is
     inputs: NDArray[np.float64]  # shape (N, k)
     channels: NDArray[np.float64]  # what disturbs, shape (N, channels)
     values: NDArray[np.float64]  # parameters, shape (N, parameters)
@@ -55,57 +54,29 @@ class Replay:
     @property
     def changing(self) -> list[tuple[str, str, NDArray[np.float64]]]:
         """Name, unit and course of each parameter that changes."""
-        plant = self.plan.plant
-        columns = zip(plant.parameters, self.values.T, strict=True)
-        return [(name, plant.units[name], x) for name, x in columns if np.ptp(x) > 0.0]
-
-    @property
-    def force(self) -> NDArray[np.float64]:
-        """The force on the cart of a cart-pole [N], shape (N,)."""
-        return self.inputs[:, 0]
-
-    @property
-    def push(self) -> NDArray[np.float64]:
-        """What disturbs the cart of a cart-pole [N], shape (N,)."""
-        return self.channels[:, 0] + self.channels[:, 1]
-
-    @property
-    def cart_mass(self) -> NDArray[np.float64]:
-        """M of a cart-pole [kg], shape (N,)."""
-        return self.values[:, 0]
-
-    @property
-    def half_length(self) -> NDArray[np.float64]:
-        """The l of a cart-pole [m], shape (N,)."""
-        return self.values[:, 2]
+        return changing(self.plan.plant, self.values)
 
     def readouts(self, index: int) -> list[tuple[str, str]]:
-        """Return the numbers of a frame with their labels.
+        """Return the numbers of a frame with their labels, what matters most first.
 
-        Of the cart-pole Δ is MuJoCo against the ideal ODE; of another plant they are the parameters
-        that change, the inputs and the coordinates.
+        Δ is how far MuJoCo is from the ghost.
         """
-        if not self.plan.is_cart_pole:
-            return self._numbers(index)
-        assert self.ideal is not None  # a cart-pole has equations
-        apart = np.abs(self.state[index] - self.ideal[index])
-        return [
-            ("t [s]", f"{self.time[index]:.2f}"),
-            ("M [kg]", f"{self.cart_mass[index]:.2f}"),
-            ("l [m]", f"{self.half_length[index]:.2f}"),
-            ("F [N]", f"{self.force[index]:+.2f}"),
-            ("D [N]", f"{self.push[index]:+.0f}" if self.push[index] else "0"),
-            ("|Δz| [m]", f"{apart[0]:.0e}" if apart[0] else "0"),
-            ("|Δφ| [rad]", f"{apart[1]:.0e}" if apart[1] else "0"),
-        ]
-
-    def _numbers(self, index: int) -> list[tuple[str, str]]:
-        plant = self.plan.plant
+        plant, state = self.plan.plant, self.state[index]
         found = [("t [s]", f"{self.time[index]:.2f}")]
         found += [(labelled(name, unit), f"{x[index]:.3g}") for name, unit, x in self.changing]
         shown = (*zip(plant.inputs, self.inputs[index], strict=True),
-                 *zip(plant.coordinates, self.state[index], strict=False))  # fmt: skip
-        return found + [(labelled(name, plant.units[name]), f"{x:+.2f}") for name, x in shown]
+                 *zip(plant.coordinates, state, strict=False))  # fmt: skip
+        found += [(labelled(name, plant.units[name]), f"{x:+.2f}") for name, x in shown]
+        if self.ideal is None:
+            return found
+        apart = zip(plant.coordinates, np.abs(state - self.ideal[index]), strict=False)
+        return found + [
+            (
+                f"|Δ{labelled(name, plant.units[name])}".replace(" [", "| ["),
+                f"{x:.0e}" if x else "0",
+            )
+            for name, x in apart
+        ]
 
     def limits(self, name: str) -> list[float]:
         """Return the limits of a coordinate or an input on both sides, and its end stops."""
@@ -132,12 +103,7 @@ def frame_times(duration: float, fps: int) -> NDArray[np.float64]:
 
 
 def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps: int) -> Replay:
-    """Run the controller as deployed in MuJoCo, and the ideal ODE, for a film.
-
-    The ideal ODE has none of the scenario's imperfections. A controller with the estimator gets the
-    true parameters, and the force of a Python controller is held: it may be stateful, or switch at
-    every call. For another plant it is the same loop in MuJoCo without the imperfections.
-    """
+    """Run the controller as deployed in MuJoCo, and the ideal loop, for a film."""
     run = simulate_mujoco(
         scenario,
         controller,
@@ -146,50 +112,51 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    ideal = _ideal(scenario, controller, deployment)
+    ghost, ideal = _ideal(scenario, controller, deployment)
     asked = judge(scenario, run)
-    met = sum(one.met for one in asked)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
     runs_on = (times <= run.outcome.time)[:, None]
-    there = np.minimum(times, run.outcome.time)
     return Replay(
         plan=scenario,
         controller=controller.name,
         time=times,
-        state=_at(run, times),
-        ideal=None if ideal is None else _at(ideal, times),
+        state=between(run.time, run.state, times),
+        ideal=None if ideal is None else between(ideal.time, ideal.state, times),
+        ghost=ghost,
         inputs=np.where(runs_on, run.inputs[held], 0.0),
         channels=np.where(runs_on, scenario.pushes(times), 0.0),
-        values=scenario.values(there),
+        values=scenario.values(np.minimum(times, run.outcome.time)),
         endings=tuple(
             (end.outcome.time, f"{name} {end.outcome}")
-            for name, end in (("MuJoCo", run), (GHOSTS[scenario.is_cart_pole], ideal))
+            for name, end in (("MuJoCo", run), (ghost, ideal))
             if end is not None and end.outcome.time < scenario.duration
         ),
         end=run.outcome.time,
-        verdict=f"meets {met} of {len(asked)} requirements",
+        verdict=f"meets {sum(one.met for one in asked)} of {len(asked)} requirements",
     )
 
 
-def _ideal(scenario: Scenario, controller: Controller, deployment: Deployed) -> Trajectory | None:
-    """Return the run of the ghost; None if that of MuJoCo has no imperfections."""
+def _ideal(
+    scenario: Scenario, controller: Controller, deployment: Deployed
+) -> tuple[str, Trajectory | None]:
+    """Return what the ghost is, and its run: without imperfections, and told the truth.
+
+    It obeys the paper's equations, of another plant MuJoCo; then there is none where the run itself
+    is ideal. The commands of a Python controller are held: it may be stateful, switch at every
+    call, or count on its period.
+    """
     h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
-    informed = controller.without_estimator()
-    if not scenario.is_cart_pole:
-        if scenario.ideal == scenario:
-            return None
-        # a controller in Python may count on its period; no other loop needs one to be ideal
+    informed, plan = controller.without_estimator(), scenario.ideal
+    if not plan.is_cart_pole:
+        if plan == scenario:
+            return "", None
+        settings: Any = {"timestep": deployment.timestep, "integrator": deployment.integrator}
         kept = period if informed.interpreted else None
-        settings: Any = {"timestep": deployment.timestep, "control_period": kept}
-        return simulate_mujoco(
-            scenario.ideal, informed, "sampled", integrator=deployment.integrator, **settings
-        )
+        run = simulate_mujoco(plan, informed, "sampled", control_period=kept, **settings)
+        return "ideal loop", run
     if informed.interpreted:
-        return simulate_ode_held(scenario.ideal, informed, timestep=h, control_period=period)
-    return simulate_ode(scenario.ideal, informed, sample_period=h)
-
-
-def _at(run: Trajectory, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the states at some times, interpolated linearly, the last one held; shape (N, 2 n)."""
-    return np.column_stack([np.interp(times, run.time, column) for column in run.state.T])
+        run = simulate_ode_held(plan, informed, timestep=h, control_period=period)
+    else:
+        run = simulate_ode(plan, informed, sample_period=h)
+    return "ideal ODE", run

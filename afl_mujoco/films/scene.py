@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -12,79 +12,82 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import GraphicsError, InvalidValueError
-from afl_mujoco.films.camera import ELEVATION, CameraPath, Frame, follow
+from afl_mujoco.films.camera import Frame, Standpoint, eye_of, project, scale_of, watch
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.films.standpoint import Standpoint, watch
-from afl_mujoco.simulation.decor import (
-    BAR,
-    BED_TOP,
-    LARGEST,
-    Colour,
-    add_forces,
-    add_geom,
-    add_marks,
-    add_stops,
-    cart_size,
-    drawn_model,
-    show_mass,
-)
+from afl_mujoco.simulation.decor import LARGEST, Colour, add_forces, add_tracks, drawn_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
+from afl_mujoco.simulation.poses import Track, tracks
 
 SMALLEST = 128
 """Smallest side of a picture [px]."""
 
-POLE_RADIUS = 0.02
-"""Radius of the drawn pole [m]."""
+Floats = NDArray[np.float64]
+Number = tuple[float, tuple[float, float]]
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
-SHADOW: Colour = (0.02, 0.02, 0.04, 0.55)
-RIM = 0.018  # how much larger the ghost is [m]
 
-BEHIND = 0.03
-"""How far behind another plant its ghost is, as a share of the extent of the model."""
+BEHIND = 1.02
+"""How far from the camera the ghost is, over where it would be: what agrees hides it."""
 
-VIEW_DISTANCE, VIEW_MARKS, VIEW_PAUSE = 7.5, 40, 1.5
-"""Viewer: distance of the camera [m], marks on each side, and pause before a repetition [s]."""
+VIEW_PAUSE = 1.5
+"""Pause of the viewer before a repetition [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A model that is mutated to the parameters of each frame, and what is drawn around it."""
+
+    model: SimulatedModel
+    ghost: mujoco.MjData  # where the ghost is
+    paths: list[Standpoint]  # of the camera in each run
+    rails: list[Track]
+
+    @classmethod
+    def of(cls, replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame) -> Stage:
+        """Return the stage of runs of one scenario."""
+        model = drawn_model(replays[0].plan)
+        paths = watch(model, replays, fps, size, frame)
+        rails = tracks(replays[0].plan, model, paths[0].toward)
+        return cls(model, mujoco.MjData(model.mj_model), paths, rails)
+
+    def add(
+        self, scene: mujoco.MjvScene, replay: Replay, index: int, wide: float
+    ) -> list[tuple[float, Floats]]:
+        """Draw a frame's ghost, forces and rails, and return the numbers of the rails.
+
+        wide: Half the width that is seen [m].
+        """
+        _haunt(scene, self.model, self.ghost, replay, index)
+        add_forces(scene, self.model, replay.inputs[index], replay.channels[index])
+        return add_tracks(scene, self.model, self.rails, replay.state[index], wide)
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A model that is mutated to the parameters of each frame, and the renderer that draws it."""
+    """A stage and the renderer that draws it."""
 
-    model: SimulatedModel
+    stage: Stage
     renderer: mujoco.Renderer
-    ghost: mujoco.MjData  # where the ghost is, of another plant than the cart-pole
 
-    def paths(
-        self, replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame
-    ) -> list[CameraPath | Standpoint]:
-        """Return where the camera is in each run."""
-        if replays[0].plan.is_cart_pole:
-            return [follow(replay, fps, size, frame) for replay in replays]
-        return [*watch(self.model, replays, fps, size, frame)]
+    def draw(
+        self, replay: Replay, index: int, path: Standpoint
+    ) -> tuple[NDArray[np.uint8], list[Number]]:
+        """Move everything to a frame and return it, shape (height, width, 3).
 
-    def draw(self, replay: Replay, index: int, path: CameraPath | Standpoint) -> NDArray[np.uint8]:
-        """Move everything to a frame and return it, shape (height, width, 3)."""
-        pose(self.model, replay, index)
-        if isinstance(path, Standpoint):
-            self.renderer.update_scene(self.model.mj_data, path.camera(index))
-        else:
-            camera = mujoco.MjvCamera()
-            camera.type = mujoco.mjtCamera.mjCAMERA_FREE
-            camera.lookat[:] = path.x[index], 0.0, path.height
-            camera.distance, camera.azimuth, camera.elevation = path.distance, 90.0, ELEVATION
-            self.renderer.update_scene(self.model.mj_data, camera)
-        scene = self.renderer.scene
+        With it come the numbers of rails [m], and where they are in the picture [px].
+        """
+        pose(self.stage.model, replay, index)
+        self.renderer.update_scene(self.stage.model.mj_data, path.camera(index))
+        scene, size = self.renderer.scene, (self.renderer.width, self.renderer.height)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
             scene.flags[flag] = False
-        if isinstance(path, Standpoint):
-            haunt(scene, self.model, self.ghost, replay, index)
-        else:
-            mass = float(replay.cart_mass[index])
-            show_mass(scene, self.model.mj_model.geom("cart").id, mass)
-            _add_shadow(scene, replay, index)
-            add_overlays(scene, replay, index, path.seen(index, BAR), mass)
-        return np.asarray(self.renderer.render())
+        scale = scale_of(scene, size, self.stage.model.mj_data.subtree_com[0])
+        wide = (
+            0.5 * size[0] / scale if scale > 0.0 else float(self.stage.model.mj_model.stat.extent)
+        )
+        marks = self.stage.add(scene, replay, index, wide)
+        numbers = [(number, project(scene, size, place)) for number, place in marks]
+        return np.asarray(self.renderer.render()), numbers
 
 
 def pose(model: SimulatedModel, replay: Replay, index: int) -> None:
@@ -94,7 +97,7 @@ def pose(model: SimulatedModel, replay: Replay, index: int) -> None:
     mujoco.mj_forward(model.mj_model, model.mj_data)
 
 
-def haunt(
+def _haunt(
     scene: mujoco.MjvScene,
     model: SimulatedModel,
     ghost: mujoco.MjData,
@@ -110,11 +113,13 @@ def haunt(
     option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
     moving = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
     mujoco.mjv_addGeoms(m, ghost, option, perturb, moving, scene)
-    away = BEHIND * m.stat.extent * np.array(scene.camera[0].forward)
+    eye, known = eye_of(scene), any(scene.camera[0].forward)  # not in the user's part of a viewer
     for geom in scene.geoms[first : scene.ngeom]:
         geom.rgba[:] = GHOST
         geom.matid = -1
-        geom.pos[:] += away
+        geom.size[:] *= BEHIND
+        if known:  # farther and larger: in the same place of the picture
+            geom.pos[:] = eye + BEHIND * (geom.pos - eye)
 
 
 def require_size(size: tuple[int, int]) -> None:
@@ -128,62 +133,22 @@ def require_size(size: tuple[int, int]) -> None:
 
 
 @contextmanager
-def open_scene(replay: Replay, size: tuple[int, int]) -> Iterator[Scene]:
-    """Yield a scene, and free its renderer afterwards."""
-    model = drawn_model(replay.plan)
-    with mujoco.Renderer(model.mj_model, size[1], size[0]) as renderer:
-        yield Scene(model, renderer, mujoco.MjData(model.mj_model))
+def open_scene(
+    replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame
+) -> Iterator[Scene]:
+    """Yield a scene of runs of one scenario, and free its renderer afterwards."""
+    stage = Stage.of(replays, fps, size, frame)
+    with mujoco.Renderer(stage.model.mj_model, size[1], size[0]) as renderer:
+        yield Scene(stage, renderer)
 
 
-def add_overlays(
-    scene: mujoco.MjvScene, replay: Replay, index: int, marks: Iterable[float], mass: float
-) -> None:
-    """Add marks of the rail, end stops, ghost and forces to a cart drawn as one of this mass."""
-    assert replay.ideal is not None  # a cart-pole has equations
-    z = float(replay.state[index, 0])
-    add_marks(scene, list(marks))
-    add_stops(scene, replay.plan.rail, mass)
-    _add_ghost(scene, replay.ideal[index], mass, float(replay.half_length[index]))
-    add_forces(scene, z, mass, float(replay.force[index]), float(replay.push[index]))
-
-
-def _add_shadow(scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
-    """Draw the shadow that a light from straight above casts on the track."""
-    z, phi = replay.state[index, :2].tolist()
-    half = cart_size(float(replay.cart_mass[index]))
-    box = mujoco.mjtGeom.mjGEOM_BOX
-    add_geom(scene, box, (half[0], half[1], 0.001), (z, 0.0, BED_TOP + 0.002), SHADOW)
-    lean = -2.0 * float(replay.half_length[index] * np.sin(phi))
-    if abs(lean) > half[0]:
-        edge = float(np.copysign(half[0], lean))
-        size = (0.5 * abs(lean - edge), POLE_RADIUS, 0.001)
-        add_geom(scene, box, size, (z + 0.5 * (lean + edge), 0.0, BED_TOP + 0.002), SHADOW)
-
-
-def _add_ghost(
-    scene: mujoco.MjvScene, state: NDArray[np.float64], mass: float, length: float
-) -> None:
-    """Draw the ideal ODE's cart-pole, slightly larger and just behind: a rim if both agree."""
-    z, phi = state[:2].tolist()
-    hinge = np.array([z, 2.0 * RIM, 0.0])
-    along = np.array([-np.sin(phi), 0.0, np.cos(phi)])
-    across = np.array([np.cos(phi), 0.0, np.sin(phi)])
-    rotation = np.column_stack([across, [0.0, 1.0, 0.0], along])
-    half, kind = cart_size(mass), mujoco.mjtGeom
-    below = hinge - np.array([0.0, 0.0, half[2]])
-    add_geom(scene, kind.mjGEOM_BOX, [x + RIM for x in half], below.tolist(), GHOST)
-    middle, tip = (hinge + along * length).tolist(), (hinge + along * (2.0 * length)).tolist()
-    size = (POLE_RADIUS + RIM, length, 0.0)
-    add_geom(scene, kind.mjGEOM_CAPSULE, size, middle, GHOST, rotation)
-    add_geom(scene, kind.mjGEOM_SPHERE, (0.045,) * 3, tip, GHOST)
-
-
-def view(replay: Replay, speed: float) -> None:
+def view(replay: Replay, fps: int, speed: float) -> None:
     """Show a run in MuJoCo's viewer, over and over, until its window is closed."""
     import mujoco.viewer  # needs a window system, which films do without
 
-    model = drawn_model(replay.plan)
-    ghost = mujoco.MjData(model.mj_model)
+    stage = Stage.of([replay], fps, (16, 9), Frame())
+    model, (path,) = stage.model, stage.paths
+    wide = path.distance or float(model.mj_model.stat.extent)
     try:
         handle = mujoco.viewer.launch_passive(
             model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False
@@ -191,41 +156,26 @@ def view(replay: Replay, speed: float) -> None:
     except (RuntimeError, mujoco.FatalError) as error:
         raise GraphicsError("view", f"needs a display: {error}") from None
     with handle as viewer:
-        if replay.plan.is_cart_pole:  # of another plant as its MJCF says
+        if path.aims is not None:
             with viewer.lock():
-                viewer.cam.lookat[:] = 0.0, 0.0, 0.6
-                viewer.cam.distance, viewer.cam.azimuth = VIEW_DISTANCE, 90.0
-                viewer.cam.elevation = ELEVATION
-        start = time.monotonic()
+                viewer.cam.lookat[:], viewer.cam.distance = path.aims[0], path.distance
+                viewer.cam.azimuth, viewer.cam.elevation = path.azimuth, path.elevation
+        start, before = time.monotonic(), 0
         while viewer.is_running():
             elapsed = (time.monotonic() - start) * speed
             if elapsed > replay.time[-1] + VIEW_PAUSE * speed:
                 start = time.monotonic()
             index = min(int(np.searchsorted(replay.time, elapsed)), len(replay.time) - 1)
-            _show(viewer, model, ghost, replay, index)
+            with viewer.lock():
+                pose(model, replay, index)
+                viewer.user_scn.ngeom = 0
+                if path.aims is not None:  # along with what moves, from where the user stands
+                    viewer.cam.lookat[:] += path.aims[index] - path.aims[before]
+                stage.add(viewer.user_scn, replay, index, wide)
+            labels, values = zip(*replay.readouts(index), strict=True)
+            lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
+            left = "\n".join(lines).replace("φ", "phi").replace("Δ", "d")  # its font has no Greek
+            viewer.set_texts((None, None, left, "\n".join(("", *values))))
+            viewer.sync()
+            before = index
             time.sleep(1.0 / 60.0)
-
-
-def _show(
-    viewer: mujoco.viewer.Handle,
-    model: SimulatedModel,
-    ghost: mujoco.MjData,
-    replay: Replay,
-    index: int,
-) -> None:
-    """Show a frame; the camera moves along with a cart."""
-    with viewer.lock():
-        before = float(model.mj_data.qpos[0])
-        pose(model, replay, index)
-        viewer.user_scn.ngeom = 0
-        if replay.plan.is_cart_pole:
-            viewer.cam.lookat[0] += float(replay.state[index, 0]) - before
-            marks = BAR * np.arange(-VIEW_MARKS, VIEW_MARKS + 1)
-            add_overlays(viewer.user_scn, replay, index, marks, mass=1.0)  # as the model is drawn
-        else:
-            haunt(viewer.user_scn, model, ghost, replay, index)
-    labels, values = zip(*replay.readouts(index), strict=True)
-    lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
-    left = "\n".join(lines).replace("φ", "phi").replace("Δ", "d")  # its font has no Greek
-    viewer.set_texts((None, None, left, "\n".join(("", *values))))
-    viewer.sync()

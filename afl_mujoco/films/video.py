@@ -79,7 +79,8 @@ class Film:
     def pictures(self, indices: Iterable[int]) -> Iterator[Picture]:
         """Run what it shows, and yield some of its frames."""
         replays = [record(self.scenario, c, self.deployment, self.fps) for c in self.controllers]
-        held = self.deployment.describe("force" if self.scenario.is_cart_pole else "inputs")
+        names = self.scenario.plant.inputs
+        held = self.deployment.describe(names[0] if len(names) == 1 else "inputs")
         return frames(replays, held, self.size, self.fps, indices)
 
 

@@ -10,6 +10,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from afl_mujoco.plants.plant import Parameter, Plant, Shape
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
@@ -58,11 +60,14 @@ def write(p: Any) -> dict[str, Any]:
     across = (1.0 - share) * across + share * (1.0 - share) * m * length * length
     sums = (y2 + z2, x2 + z2, x2 + y2)
     inertia = tuple(p.cart_mass * (one / 3.0) for one in sums)
+    grown = np.sqrt(np.clip(p.cart_mass, 0.05, 5.0))  # width and depth of the drawing: no physics
     return {
         "body cart": Shape(p.cart_mass, (0.0, 0.0, 0.0), (inertia[0], inertia[1], inertia[2])),
         "body pole": Shape(
             m, (0.0, 0.0, (1.0 + share) * length), (across, across, AXIAL_SHARE * across)
         ),
+        "geom cart size 0": CART_HALF_SIZE[0] * grown,
+        "geom cart size 1": CART_HALF_SIZE[1] * grown,
         "geom pole size 1": length,
         "geom pole pos 2": length,
         "site tip pos 2": 2.0 * length,

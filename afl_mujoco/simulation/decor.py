@@ -1,28 +1,26 @@
-"""Plants as they are drawn, and overlays: the mass of the cart, forces, the marks of the rail."""
+"""A plant as it is drawn: in its scene, with rails, end stops, limits, and forces as arrows."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.cartpole import CART_HALF_SIZE
+from afl_mujoco.plants.cartpole import model_file
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, shown
+from afl_mujoco.simulation.poses import Track, corners, drawn_geoms
 
-ARROW_SCALE = 0.2
-"""Length of an arrow [m] over the square root of its force [N]: 1 N is visible, 100 N fits."""
+ARROW, LONGEST = 0.07, 0.7
+"""Length of an arrow over the square root of its force [1/sqrt(N)], and the most, as shares of the
+extent of the model: 1 N is visible, and 100 N is the most that is told apart."""
 
-BAR = 0.5
-"""Spacing of the marks along the rail [m]; every second one is longer and has a number."""
-
-NEAR = 20.0
-"""How far from the cart marks are drawn where the view of the camera is not known [m]."""
+MARKS = 5
+"""About how many marks a rail has on each side of what moves on it."""
 
 LARGEST = (1920, 1080)
 """Largest picture [pixels]."""
@@ -32,27 +30,20 @@ FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
 PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
 MARK: Colour = (0.62, 0.66, 0.72, 1.0)
 STOP: Colour = (0.84, 0.37, 0.0, 1.0)
-STOP_SIZE = (0.03, 0.12, 0.12)
-"""Half-size of an end stop [m]: it stands on the track and is lower than the cart."""
+LIMIT: Colour = (1.0, 0.69, 0.4, 1.0)
 
-LIGHT_CART, HEAVY_CART = (0.55, 0.78, 0.98), (0.10, 0.27, 0.62)
-HEAVY = 2.0
-"""Cart mass from which the cart has the darkest blue [kg]."""
-
-BED_TOP, BED_FRONT = -0.30, -0.70
-"""Height and front edge of the track [m]."""
-
-_FORCE_LINE, _PUSH_LINE = -0.15, -0.03
+Floats = NDArray[np.float64]
 
 
-def drawn_model(scenario: Scenario, **settings: Any) -> SimulatedModel:
+def drawn_model(scenario: Scenario, **settings: object) -> SimulatedModel:
     """Return the model of a scenario's plant as it is drawn, and as `SimulatedModel` takes it.
 
     The cart-pole is in its scene; any other plant is what its MJCF says, and lit.
     """
-    if scenario.is_cart_pole:
-        return SimulatedModel(shown(scenario.plant, "scene.xml"), **settings)
-    return SimulatedModel(scenario.plant, edit=_lit, **settings)
+    plant = scenario.plant
+    if plant.model == model_file("cartpole.xml"):
+        return SimulatedModel(shown(plant, "scene.xml"), **settings)  # type: ignore[arg-type]
+    return SimulatedModel(plant, edit=_lit, **settings)  # type: ignore[arg-type]
 
 
 def _lit(spec: mujoco.MjSpec) -> None:
@@ -66,113 +57,150 @@ def _lit(spec: mujoco.MjSpec) -> None:
         visual.headlight.ambient, visual.headlight.diffuse = [0.4] * 3, [0.5] * 3
 
 
-def cart_size(cart_mass: float) -> tuple[float, float, float]:
-    """Return the half-size of the drawn cart [m]: width and depth grow with M at one density.
-
-    cart_mass: M [kg]; the model's own cart is drawn at 1 kg.
-    """
-    grown = float(np.sqrt(np.clip(cart_mass, 0.05, 5.0)))
-    return CART_HALF_SIZE[0] * grown, CART_HALF_SIZE[1] * grown, CART_HALF_SIZE[2]
-
-
-def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
-    """Draw the cart in the size and colour of its mass; the model does not change.
-
-    mass: M [kg].
-    """
-    share = min(mass / HEAVY, 1.0)
-    for geom in scene.geoms[: scene.ngeom]:
-        if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid == cart:
-            geom.size[:] = cart_size(mass)
-            geom.rgba[:3] = np.array(LIGHT_CART) * (1.0 - share) + np.array(HEAVY_CART) * share
-
-
 def add_geom(
     scene: mujoco.MjvScene,
     kind: mujoco.mjtGeom,
     size: Sequence[float],
-    position: Sequence[float],
+    position: Floats,
     colour: Colour,
-    rotation: NDArray[np.float64] | None = None,
+    turned: Floats | None = None,
 ) -> mujoco.MjvGeom:
     """Add a geom that is drawn and belongs to no model."""
     if scene.ngeom >= scene.maxgeom:
         raise InvalidValueError("scene", f"must hold at most {scene.maxgeom} geoms")
     scene.ngeom += 1
     geom = scene.geoms[scene.ngeom - 1]
-    turned = np.eye(3) if rotation is None else rotation
+    turned = np.eye(3) if turned is None else turned
     rgba = np.array(colour, dtype=np.float32)
-    mujoco.mjv_initGeom(geom, kind, np.array(size), np.array(position), turned.ravel(), rgba)
+    mujoco.mjv_initGeom(geom, kind, np.array(size), position, turned.ravel(), rgba)
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR
     geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # a model geom may have had this slot before
     geom.segid = geom.objid = scene.ngeom - 1  # so that a segmentation tells them apart
     return geom
 
 
-def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool = False) -> None:
-    """Draw the marks of the rail; if `numbered`, MuJoCo labels the long ones with positions [m]."""
-    for x in places:
-        long = round(x / BAR) % 2 == 0
-        depth = 0.10 if long else 0.05
-        geom = add_geom(
-            scene,
-            mujoco.mjtGeom.mjGEOM_BOX,
-            (0.012 if long else 0.008, depth, 0.004),
-            (x, BED_FRONT + depth, BED_TOP + 0.004),
-            MARK,
-        )
-        if numbered and long:
-            geom.label = f"{x:g} m"
+def add_label(scene: mujoco.MjvScene, place: Floats, text: str) -> None:
+    """Let MuJoCo write a text at a place [m]."""
+    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, (0.0, 0.0, 0.0), place, MARK)
+    geom.type, geom.label = int(mujoco.mjtGeom.mjGEOM_LABEL), text
 
 
-def add_stops(scene: mujoco.MjvScene, end: float | None, cart_mass: float) -> None:
-    """Draw the end stops where the drawn cart touches them; none if the rail has no end.
+def add_tracks(
+    scene: mujoco.MjvScene,
+    model: SimulatedModel,
+    tracks: Sequence[Track],
+    state: Floats,
+    wide: float,
+) -> list[tuple[float, Floats]]:
+    """Draw rails with their marks, end stops and required limits.
 
-    end: Half-length of the rail [m], at which the middle of the cart is stopped.
+    wide: Half the width that is seen [m]. Returns the numbers of marks [m], and where they go [m].
     """
-    if end is None:
-        return
-    half, box = cart_size(cart_mass), mujoco.mjtGeom.mjGEOM_BOX
-    for side in (-1.0, 1.0):
-        x = side * (end + half[0] + STOP_SIZE[0])
-        add_geom(scene, box, STOP_SIZE, (x, 0.0, BED_TOP + STOP_SIZE[2]), STOP)
+    step = _spacing(wide)
+    size, box = model.mj_model.stat.extent, mujoco.mjtGeom.mjGEOM_BOX
+    numbers: list[tuple[float, Floats]] = []
+    for track in tracks:
+        turned = np.column_stack([track.along, np.cross(track.across, track.along), track.across])
+        if track.is_rail:
+            here = float(state[track.coordinate])
+            long = 2.0 * MARKS * step
+            middle = track.at + here * track.along - 0.01 * size * track.across
+            add_geom(scene, box, (long, 0.005 * size, 0.005 * size), middle, MARK, turned)
+            for k in range(math.ceil((here - long) / step), math.floor((here + long) / step) + 1):
+                spot = track.at + k * step * track.along - 0.03 * size * track.across
+                add_geom(scene, box, (0.004 * size, 0.01 * size, 0.02 * size), spot, MARK, turned)
+                numbers.append((k * step, spot - 0.04 * size * track.across))
+        tall = 0.05 * size if track.is_rail else 4.0 * size  # of what moves both ways, everywhere
+        for words, place in track.places:
+            edge = 0.0
+            if words == "end stop":  # where what moves touches it
+                edge = math.copysign(_reach(model, track) + 0.015 * size, place)
+            spot = track.at + (place + edge) * track.along + (0.05 * size) * track.across
+            half, colour = (0.015 * size, STOP) if words == "end stop" else (0.004 * size, LIMIT)
+            add_geom(scene, box, (half, 0.02 * size, tall), spot, colour, turned)
+    return numbers
 
 
-def marks_near(z: float) -> list[float]:
-    """Return the positions of the marks within `NEAR` of a cart [m]."""
-    return [BAR * k for k in range(math.ceil((z - NEAR) / BAR), math.floor((z + NEAR) / BAR) + 1)]
+def _reach(model: SimulatedModel, track: Track) -> float:
+    """Return how far what is on a slide goes ahead of its middle, as it is now [m]."""
+    m, d, joint = model.mj_model, model.mj_data, track.coordinate
+    own = [one for one in drawn_geoms(m) if m.geom_bodyid[one] == m.jnt_bodyid[joint]]
+    ahead = (corners(m, d, own) - d.xanchor[joint]) @ track.along
+    return float(ahead.max(initial=0.0))
+
+
+def _spacing(wide: float) -> float:
+    """Return a round distance of which at most `MARKS` fit into a width."""
+    least = max(wide, 1e-6) / MARKS
+    decade = 10.0 ** math.floor(math.log10(least))
+    return next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
 
 
 def add_forces(
-    scene: mujoco.MjvScene, z: float, cart_mass: float, force: float, push: float
+    scene: mujoco.MjvScene, model: SimulatedModel, inputs: Floats, channels: Floats
 ) -> None:
-    """Draw the forces on the cart [N]: the actuator pulls it, the disturbance pushes it."""
-    half = cart_size(cart_mass)[0]
-    _add_arrow(scene, z, force, FORCE, half, _FORCE_LINE, pulls=True)
-    _add_arrow(scene, z, push, PUSH, half, _PUSH_LINE, pulls=False)
+    """Draw what drives exert, which pulls, and what disturbs, which pushes; no torques.
+
+    inputs, channels: What is exerted by each input, and of each channel of disturbances [N, N m].
+    """
+    ways = _ways(model)
+    for way, force in zip(ways, inputs.tolist(), strict=False):
+        _add_arrow(scene, model, way, force, FORCE)
+    for way, force in zip(ways, channels.tolist(), strict=True):
+        _add_arrow(scene, model, way, force, PUSH)
+
+
+def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
+    """Return body, place [m] and direction of the force of each channel; 0 where it has none."""
+    m, d, kind = model.mj_model, model.mj_data, mujoco.mjtTrn
+    found: list[tuple[int, Floats, Floats]] = []
+
+    def along(joint: int, gear: float) -> None:
+        body, slides = m.jnt_bodyid[joint], m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+        found.append((body, _middle(model, body), gear * slides * d.xaxis[joint]))
+
+    for i in range(m.nu):
+        one = int(m.actuator_trnid[i, 0])
+        if m.actuator_trntype[i] == kind.mjTRN_SITE:
+            turned = d.site_xmat[one].reshape(3, 3)
+            found.append((0, d.site_xpos[one].copy(), turned @ m.actuator_gear[i, :3]))
+        else:
+            along(one, m.actuator_gear[i, 0])
+    for joint in range(m.njnt):
+        along(joint, 1.0)
+    return found
+
+
+def _middle(model: SimulatedModel, body: int) -> Floats:
+    """Return the middle of the first geom of a body, or where the body is [m]."""
+    m, d, first = model.mj_model, model.mj_data, int(model.mj_model.body_geomadr[body])
+    return np.array(d.geom_xpos[first] if m.body_geomnum[body] else d.xpos[body])
 
 
 def _add_arrow(
     scene: mujoco.MjvScene,
-    z: float,
+    model: SimulatedModel,
+    way: tuple[int, Floats, Floats],
     force: float,
     colour: Colour,
-    cart: float,
-    height: float,
-    *,
-    pulls: bool,
 ) -> None:
-    """Draw a force along the rail: a pull starts at the cart, a push ends there."""
-    length = ARROW_SCALE * float(np.sqrt(abs(force)))
-    if length < 0.03:
+    """Draw a force; what pulls begins where it acts, and what pushes ends there."""
+    m, (body, place, along) = model.mj_model, way
+    pull, size = force * along, m.stat.extent
+    if (strength := float(np.linalg.norm(pull))) == 0.0:
         return
-    sign = float(np.sign(force))
-    start = z + sign * cart if pulls else z - sign * (cart + length)
-    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_ARROW, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), colour)
-    mujoco.mjv_connector(
-        geom,
-        mujoco.mjtGeom.mjGEOM_ARROW,
-        0.03,
-        np.array([start, 0.0, height]),
-        np.array([start + 2.0 * sign * length, 0.0, height]),  # MuJoCo draws it half as long
-    )
+    length, ahead = size * min(ARROW * math.sqrt(strength), LONGEST), pull / strength
+    edge = 0.0
+    if body and m.body_geomnum[body]:  # at the side of the body, not within it
+        geom = int(m.body_geomadr[body])
+        edge = float(np.abs(ahead @ model.mj_data.geom_xmat[geom].reshape(3, 3)) @ _half(m, geom))
+    start = place + edge * ahead if colour == FORCE else place - (edge + length) * ahead
+    kind = mujoco.mjtGeom.mjGEOM_ARROW
+    geom = add_geom(scene, kind, (1.0, 1.0, 1.0), np.zeros(3), colour)
+    end = start + 2.0 * length * ahead  # MuJoCo draws it half as long
+    mujoco.mjv_connector(geom, kind, 0.012 * size, start, end)
+
+
+def _half(m: mujoco.MjModel, geom: int) -> Floats:
+    """Return the half-size of a geom's box [m]."""
+    return np.array(m.geom_aabb[geom, 3:])

@@ -17,20 +17,14 @@ from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import instants, step_times
-from afl_mujoco.simulation.decor import (
-    add_forces,
-    add_marks,
-    add_stops,
-    drawn_model,
-    marks_near,
-    show_mass,
-)
+from afl_mujoco.simulation.decor import add_forces, add_label, add_tracks, drawn_model
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     read_numbers,
     read_state,
     write_state,
 )
+from afl_mujoco.simulation.poses import TOWARD, tracks
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
     RunState,
@@ -302,13 +296,9 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.data.ptr.time = reached * self._timestep
 
     def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does.
-
-        Of the cart-pole forces are drawn as arrows, and M sets the size of the cart.
-        """
+        """Return a picture as dm_control does, with rails, and forces as arrows."""
         decorated = {"scene_callback": _decorate, **settings}
-        plain = not self.scenario.is_cart_pole
-        if plain or any(settings.get(name) for name in ("depth", "segmentation")):
+        if any(settings.get(name) for name in ("depth", "segmentation")):
             decorated = settings
         picture: NDArray[np.uint8] = super().render(*args, **decorated)
         return picture
@@ -339,12 +329,12 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
 
 def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
-    """Draw the cart's mass, the forces on it, the end stops and the marks of the rail near it."""
-    mass, _ = physics.parameters()
-    z = float(physics.data.ptr.qpos[0])
-    push = physics.episode.profile.push
-    show_mass(scene, physics.model.geom("cart").id, float(mass))
-    add_marks(scene, marks_near(z), numbered=True)
-    add_stops(scene, physics.scenario.rail, float(mass))
-    beside = float(push[min(physics.instant, len(push) - 1), 0])
-    add_forces(scene, z, float(mass), float(physics.data.ptr.ctrl[0]), beside)
+    """Draw rails with numbers, end stops, limits and forces."""
+    model, held = physics._model, physics.episode.profile.push
+    along = held[min(physics.instant, len(held) - 1)]  # coordinates
+    exerted = np.array(physics.data.ptr.ctrl)
+    add_forces(scene, model, exerted, np.concatenate([np.zeros_like(exerted), along]))
+    place, wide = np.array(physics.data.ptr.qpos), float(model.mj_model.stat.extent)
+    numbers = add_tracks(scene, model, tracks(physics.scenario, model, TOWARD), place, wide)
+    for number, spot in numbers:
+        add_label(scene, spot, f"{number:g} m")

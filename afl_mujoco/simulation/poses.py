@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -13,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from afl_mujoco.plants.library import write_row
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
-from afl_mujoco.simulation.remarks import SAID
 
 Floats = NDArray[np.float64]
 
@@ -43,8 +44,22 @@ ROOM = 1.1
 HIDDEN = 3
 """The first of the groups of geoms that MuJoCo's viewer hides."""
 
+TOWARD = np.array([0.0, -1.0, 0.0])
+"""Where one stands who sees a motion along x and z."""
+
 PUSHED = 0.25
 """How long an impulse is said at least [s]."""
+
+
+class Track(NamedTuple):
+    """A slide that is fixed in the world, for a reader who sees it from the side."""
+
+    coordinate: int  # which it is
+    at: Floats  # where it is 0 [m]: of a rail at the foot of what moves on it
+    along: Floats  # its direction
+    across: Floats  # from the foot up, both unit vectors
+    is_rail: bool  # whether all that moves on it moves along it
+    places: list[tuple[str, float]]  # end stops and limits, in words and where they are [m]
 
 
 class Poses(NamedTuple):
@@ -172,13 +187,13 @@ def replay_data(
     fps = min(FPS, MOST_NUMBERS / numbers)
     times = {name: _frames(float(time[-1]), fps) for name, (time, _) in runs.items()}
     found = {
-        name: poses(model, geoms, scenario.values(at), _between(*runs[name], at))
+        name: poses(model, geoms, scenario.values(at), between(*runs[name], at))
         for name, at in times.items()
     }
     seen = [one.around for one in found.values()]
     axes, (aims, still, own) = plane_of(seen), follow(seen, fps)
     longest = max(runs, key=lambda name: len(times[name]))
-    lines = _lines(scenario, model, geoms, axes)
+    lines = _lines(tracks(scenario, model, axes[2]), axes)
     around = kept(seen, aims, own) @ axes[:2].T
     low, high = around.min(axis=0), around.max(axis=0)
     if still:  # limits that are about as far as the motion are seen
@@ -196,7 +211,7 @@ def replay_data(
         "lines": lines,
         "changes": [
             {"name": name, "unit": unit, "values": encode(x)}
-            for name, unit, x in _changing(scenario, times[longest])
+            for name, unit, x in changing(scenario.plant, scenario.values(times[longest]))
         ],
         "pushes": [
             [min(one.breakpoints), max(*one.breakpoints, min(one.breakpoints) + PUSHED)]
@@ -223,7 +238,7 @@ def _frames(end: float, fps: float) -> Floats:
     return np.append(times, end) if end > 0.0 else np.zeros(1)
 
 
-def _between(time: Floats, states: Floats, times: Floats) -> Floats:
+def between(time: Floats, states: Floats, times: Floats) -> Floats:
     """Return the states at some times, interpolated linearly, shape (N, 2 n)."""
     known = np.isfinite(states).all(axis=1)
     return np.column_stack([np.interp(times, time[known], x) for x in states[known].T])
@@ -234,42 +249,50 @@ def _unless_constant(sizes: Floats) -> Floats:
     return sizes if np.ptp(sizes, axis=0).any() else sizes[:1]
 
 
-def _changing(scenario: Scenario, times: Floats) -> list[tuple[str, str, Floats]]:
-    """Return name, unit and course of each parameter that changes."""
-    plant, said = scenario.plant, SAID if scenario.is_cart_pole else {}
-    columns = zip(plant.parameters, scenario.values(times).T, strict=True)
-    return [(said.get(name, name), plant.units[name], x) for name, x in columns if np.ptp(x) > 0.0]
+def changing(plant: Plant, values: Floats) -> list[tuple[str, str, Floats]]:
+    """Return name, unit and course, shape (N,), of each parameter that changes."""
+    columns = zip(plant.parameters, values.T, strict=True)
+    return [(name, plant.units[name], x) for name, x in columns if np.ptp(x) > 0.0]
 
 
-def _lines(
-    scenario: Scenario, model: SimulatedModel, geoms: Sequence[int], axes: Floats
-) -> list[dict[str, Any]]:
-    """Return the rail, end stops and required limits of slides that are fixed in the world.
+def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Track]:
+    """Return the slides that are fixed in the world, as one sees them who looks from a direction.
 
-    A line is drawn through a point along a direction, both in the plane that is seen.
+    toward: Where the reader is, a unit vector.
     """
-    m, d, plant = model.mj_model, model.mj_data, scenario.plant
-    asked, stops, found = scenario.requirements, scenario.imperfections.end_stops, []
+    m, d, plant = model.mj_model, mujoco.MjData(model.mj_model), scenario.plant
+    mujoco.mj_kinematics(m, d)
+    asked, stops, geoms = scenario.requirements, scenario.imperfections.end_stops, drawn_geoms(m)
+    found = []
     for k, name in enumerate(plant.coordinates):
         body = int(m.jnt_bodyid[k])
         if m.jnt_type[k] != mujoco.mjtJoint.mjJNT_SLIDE or m.body_parentid[body]:
             continue
-        d.qpos[:] = 0.0
-        mujoco.mj_kinematics(m, d)
-        along = axes[:2] @ d.xaxis[k]
-        if np.linalg.norm(along) < 0.5:  # it slides towards the reader
+        along, at = d.xaxis[k].copy(), d.xanchor[k].copy()
+        across = np.cross(toward, along)
+        if (wide := float(np.linalg.norm(across))) < 0.5:  # it slides towards the reader
             continue
-        at, across = axes[:2] @ d.xanchor[k], np.array([-along[1], along[0]])
-        own = [one for one in geoms if m.geom_bodyid[one] == body]
-        if own and m.body_jntnum[body] == 1:
-            foot = float(((corners(m, d, own) @ axes[:2].T - at) @ across).min())
-            found.append(_line("", at + foot * across, along))
+        across /= math.copysign(wide, across[2] or 1.0)  # up, if it is not the slide that goes up
+        around = corners(m, d, [one for one in geoms if m.geom_bodyid[one] == body]) - at
+        is_rail = len(around) > 0 and m.body_jntnum[body] == 1
+        if is_rail:
+            at += float((around @ across).min()) * across
         stop, most, target = stops.get(name), asked.max.get(name), scenario.target[k]
         places = [] if stop is None else [("end stop", -stop), ("end stop", stop)]
         places += [] if most is None else [("limit", target - most), ("limit", target + most)]
         places += [("limit", asked.min[name])] if name in asked.min else []
-        found += [_line(words, at + place * along, across) for words, place in places]
+        found.append(Track(k, at, along, across, is_rail, places))
     return found
+
+
+def _lines(found: Sequence[Track], axes: Floats) -> list[dict[str, Any]]:
+    """Return rails, end stops and limits as lines through a point, in the plane that is seen."""
+    flat, lines = axes[:2], []
+    for one in found:
+        at, along, across = flat @ one.at, flat @ one.along, flat @ one.across
+        lines += [_line("", at, along)] if one.is_rail else []
+        lines += [_line(words, at + place * along, across) for words, place in one.places]
+    return lines
 
 
 def _line(words: str, at: Floats, along: Floats) -> dict[str, Any]:

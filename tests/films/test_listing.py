@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING, list_film, load_listing, unlist_films
-from afl_mujoco.films.sections import sections
+from afl_mujoco.films.listing import (
+    LISTING,
+    list_film,
+    load_listing,
+    sections,
+    unlist_films,
+)
 from afl_mujoco.films.video import write_video
 from afl_mujoco.report.blocks import Film
 from afl_mujoco.scenario.time_steps import Deployed

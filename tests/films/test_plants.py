@@ -1,4 +1,4 @@
-"""Films of plants that are not the cart-pole."""
+"""Films of any plant."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +20,10 @@ from tests.plants.plants import SMALL, known, small
 FPS = 20
 SIZE = (640, 360)
 RUNS = {
+    "cart-pole": {
+        "initial_state": {"phi": 0.8},
+        "schedule": {"half_length": afl.staircase((0.5,), (0.3, 1.0))},
+    },
     "quadrotor_load.py:plant": {
         "initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.7},
@@ -50,9 +54,10 @@ def seen(scene, replay, path) -> np.ndarray:
         scene.renderer.enable_segmentation_rendering()
         picture = scene.renderer.render()
         scene.renderer.disable_segmentation_rendering()
-        model = scene.model.mj_model
+        model = scene.stage.model.mj_model
         geoms = picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM
-        moving = geoms & (model.body_weldid[model.geom_bodyid][picture[..., 0]] > 0)
+        which = np.where(geoms, picture[..., 0], 0)
+        moving = geoms & (model.body_weldid[model.geom_bodyid][which] > 0)
         assert moving.any()
         rows, columns = np.nonzero(moving)
         found.append((rows.min(), rows.max(), columns.min(), columns.max()))
@@ -66,8 +71,8 @@ def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
     scenario, frame = replace(scenario_of(name), duration=2.0), Frame()
     controller = still(scenario.plant) if falls else afl.CONTROLLERS["lqr"]
     replay = record(scenario, controller, Deployed(), 4)
-    with open_scene(replay, SIZE) as scene:
-        (path,) = scene.paths([replay], 4, SIZE, frame)
+    with open_scene([replay], 4, SIZE, frame) as scene:
+        (path,) = scene.stage.paths
         top, left, bottom, right = seen(scene, replay, path)
     width, height = SIZE
     assert top >= frame.top * height - 2 and bottom <= (1.0 - frame.bottom) * height + 2
@@ -105,7 +110,7 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     names = [label for label, _ in replay.readouts(0)]
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
-    assert names == ["t [s]", *words]
+    assert names == ["t [s]", *words]  # and no distance from a ghost, for there is none
     labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
     monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))
@@ -119,7 +124,7 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, cam
     assert SMALL.count("<camera") == 0
     scenario = afl.Scenario(name="small", plant=plant, initial_state={"arm": 0.4}, duration=0.2)
     replay = record(scenario, still(plant), Deployed(), FPS)
-    with open_scene(replay, SIZE) as scene:
-        (path,) = scene.paths([replay], FPS, SIZE, Frame())
+    with open_scene([replay], FPS, SIZE, Frame()) as scene:
+        (path,) = scene.stage.paths
         assert (path.aims is None) == camera
-        assert np.ptp(scene.draw(replay, 0, path)) > 50
+        assert np.ptp(scene.draw(replay, 0, path)[0]) > 50

@@ -1,11 +1,16 @@
 """What a frame shows, found in its segmentation, against closed-form geometry (Tier D)."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.films.camera import Frame, follow
+import afl_mujoco as afl
+from afl_mujoco.films.camera import Frame
+from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import open_scene
+from afl_mujoco.scenario.time_steps import Deployed
 
 pytestmark = pytest.mark.slow
 
@@ -17,11 +22,23 @@ NEAR = 2.0
 """Most by which what is seen may be off [px]."""
 
 
+def seen_at(path, index, x, z, y=0.0):
+    """Return where a point must appear [px], by a pinhole of our own."""
+    slope, (tilt, turn) = np.tan(np.radians(15.0)), np.radians([path.elevation, path.azimuth])
+    ahead = np.array([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+    right = np.array([np.sin(turn), -np.cos(turn), 0.0])
+    away = np.array([x, y, z]) - path.aims[index]
+    scale = 0.5 * SIZE[1] / slope / (path.distance + away @ ahead)
+    up = np.cross(right, ahead)
+    return 0.5 * np.array(SIZE) + scale * np.array([away @ right, -(away @ up)])
+
+
 def projected(path, index, state, half_length):
-    """Return where a tip must appear [px], by the paper's geometry and a pinhole of our own."""
+    """Return where a tip must appear [px], by the paper's geometry."""
     z, phi = state[:2]
-    x, height = z - 2.0 * half_length * np.sin(phi), 2.0 * half_length * np.cos(phi)
-    return path.project(index, np.array([x]), 0.0, np.array([height]))[0]
+    return seen_at(
+        path, index, z - 2.0 * half_length * np.sin(phi), 2.0 * half_length * np.cos(phi)
+    )
 
 
 def segments(scene, replay, index, path):
@@ -40,33 +57,23 @@ def drawn(scene, kind):
 
 
 def seen_tip(scene, picture):
-    site = scene.model.mj_model.site("tip").id
+    site = scene.stage.model.mj_model.site("tip").id
     kind = mujoco.mjtObj.mjOBJ_SITE
     rows, columns = np.nonzero((picture[..., 0] == site) & (picture[..., 1] == kind))
     assert len(rows), "nothing of it is seen"
     return np.array([columns.mean() + 0.5, rows.mean() + 0.5])
 
 
-def seen_ghost(scene, picture):
-    """Return where the ghost's tip is seen, as the middle of what it spans."""
-    spheres = drawn(scene, mujoco.mjtGeom.mjGEOM_SPHERE)
-    (ghost,) = (geom for geom in spheres if geom.objtype == mujoco.mjtObj.mjOBJ_UNKNOWN)
-    rows, columns = np.nonzero((picture[..., 0] == ghost.objid) & (picture[..., 1] == 0))
-    assert len(rows), "nothing of it is seen"
-    return np.array([columns.min() + columns.max() + 1, rows.min() + rows.max() + 1]) / 2
-
-
 @pytest.fixture(scope="module")
 def stage(replay):
-    path = follow(replay, 30, SIZE, Frame())
-    with open_scene(replay, SIZE) as scene:
-        yield scene, path
+    with open_scene([replay], 30, SIZE, Frame()) as scene:
+        yield scene, scene.stage.paths[0]
 
 
 @pytest.mark.parametrize("index", [0, BEFORE, AFTER, 12], ids=str)
 def test_the_tip_is_seen_where_the_mathematics_puts_it(graphics, stage, replay, index):
     scene, path = stage
-    expected = projected(path, index, replay.state[index], replay.half_length[index])
+    expected = projected(path, index, replay.state[index], replay.values[index, 2])
     seen = seen_tip(scene, segments(scene, replay, index, path))
     assert np.abs(seen - expected).max() < NEAR
 
@@ -75,14 +82,50 @@ def test_the_tip_is_seen_where_the_mathematics_puts_it(graphics, stage, replay, 
 def test_the_ghost_is_where_the_ideal_tip_is_when_they_part(graphics, stage, apart, index):
     scene, path = stage
     picture = segments(scene, apart, index, path)
-    expected = projected(path, index, apart.ideal[index], apart.half_length[index])
-    assert np.abs(seen_ghost(scene, picture) - expected).max() < NEAR
-    assert np.abs(seen_tip(scene, picture) - expected).max() > 20 * NEAR
+    kind, kinds = mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtObj
+    poles = drawn(scene, kind)
+    assert len(poles) == 2
+    ghost = picture[..., 1] == kinds.mjOBJ_GEOM  # nearer than where it may be, of its two poles
+    pole = scene.stage.model.mj_model.geom("pole").id
+    rows, columns = np.nonzero(ghost & (picture[..., 0] == pole))
+    wanted = [projected(path, index, x, apart.values[index, 2]) for x in
+              (apart.ideal[index], apart.state[index])]  # fmt: skip
+    for tip in wanted:
+        assert np.hypot(columns + 0.5 - tip[0], rows + 0.5 - tip[1]).min() < 10 * NEAR
+    assert np.abs(wanted[0] - wanted[1]).max() > 20 * NEAR
+
+
+def test_a_ghost_that_agrees_is_hidden(graphics, stage, replay):
+    scene, path = stage
+    twin = replace(replay, ideal=replay.state)
+    picture, _ = scene.draw(twin, AFTER, path)
+    alone, _ = scene.draw(replace(replay, ideal=None), AFTER, path)
+    assert (np.abs(picture.astype(int) - alone).max(axis=2) > 30).mean() < 2e-3
+
+
+def test_numbers_of_the_rail_are_where_their_places_are(graphics, stage, replay):
+    scene, path = stage
+    _, marks = scene.draw(replay, AFTER, path)
+    assert len(marks) > 3
+    for place, spot in marks:
+        assert spot[0] == pytest.approx(seen_at(path, AFTER, place, -0.2)[0], abs=0.01 * SIZE[0])
+
+
+def test_end_stops_and_limits_are_drawn_where_they_are(graphics, growing):
+    asked = afl.Requirements(max={"z": 1.0})
+    rail = replace(growing, requirements=asked, imperfections=afl.Imperfections(end_stops={"z": 2}))
+    replay = record(rail, afl.CONTROLLERS["adaptive"], Deployed(), 30)
+    with open_scene([replay], 30, SIZE, Frame()) as scene:
+        scene.draw(replay, 0, scene.stage.paths[0])
+        places = [float(one.pos[0]) for one in drawn(scene, mujoco.mjtGeom.mjGEOM_BOX)]
+    half = 0.2 * np.sqrt(0.5)  # of the cart, which touches the stops
+    for wanted in (-2.0 - half, -1.0, 1.0, 2.0 + half):
+        assert min(abs(x - wanted) for x in places) < 0.05
 
 
 def test_the_cart_grows_with_its_mass(graphics, stage, replay):
     scene, path = stage
-    cart = scene.model.mj_model.geom("cart").id
+    cart = scene.stage.model.mj_model.geom("cart").id
     widths = []
     for index in (BEFORE, AFTER):
         picture = segments(scene, replay, index, path)
@@ -94,19 +137,19 @@ def test_the_cart_grows_with_its_mass(graphics, stage, replay):
 def test_the_arrows_point_along_the_forces(graphics, stage, replay):
     scene, path = stage
     pushed = 10
-    assert replay.push[pushed] == -10.0
+    assert replay.channels[pushed, 0] == -10.0
     for index, arrows in ((0, 1), (pushed, 2)):
         scene.draw(replay, index, path)
         found = drawn(scene, mujoco.mjtGeom.mjGEOM_ARROW)
         assert len(found) == arrows
         along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in found]
-        wanted = [replay.force[index], replay.push[index]][:arrows]
+        wanted = [replay.inputs[index, 0], replay.channels[index, 0]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
 
 
 def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, stage, replay):
     scene, path = stage
     scene.draw(replay, AFTER, path)
-    again = scene.draw(replay, BEFORE, path)
-    with open_scene(replay, SIZE) as fresh:
-        np.testing.assert_array_equal(fresh.draw(replay, BEFORE, path), again)
+    again, _ = scene.draw(replay, BEFORE, path)
+    with open_scene([replay], 30, SIZE, Frame()) as fresh:
+        np.testing.assert_array_equal(fresh.draw(replay, BEFORE, path)[0], again)

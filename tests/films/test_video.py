@@ -105,9 +105,9 @@ def test_a_run_that_has_fallen_stands_still_without_forces(growing):
     assert said.startswith("MuJoCo fell")
     assert (said in fallen.ended(0), said in fallen.ended(-1)) == (False, True)
     assert after.sum() > 5
-    assert not fallen.force[after].any()
-    assert not fallen.push[after].any()
-    for array in (fallen.state, fallen.cart_mass, fallen.half_length):
+    assert not fallen.inputs[after].any()
+    assert not fallen.channels[after].any()
+    for array in (fallen.state, fallen.values):
         assert len(np.unique(array[after], axis=0)) == 1
 
 
