@@ -334,7 +334,7 @@ def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
     along = held[min(physics.instant, len(held) - 1)]  # coordinates
     exerted = np.array(physics.data.ptr.ctrl)
     add_forces(scene, model, exerted, np.concatenate([np.zeros_like(exerted), along]))
-    place, wide = np.array(physics.data.ptr.qpos), float(model.mj_model.stat.extent)
-    numbers = add_tracks(scene, model, tracks(physics.scenario, model, TOWARD), place, wide)
-    for number, spot in numbers:
-        add_label(scene, spot, f"{number:g} m")
+    place, size = np.array(physics.data.ptr.qpos), float(model.mj_model.stat.extent)
+    rails = tracks(physics.scenario, model, TOWARD)
+    for number, spot in add_tracks(scene, model, rails, place, 2.0 * size):
+        add_label(scene, spot - [0.0, 0.0, 0.06 * size], f"{number:g} m")  # letters stand on it
