@@ -69,6 +69,6 @@ def chosen(
 
 KNOWN = (
     f"{', '.join(NAMES)}; any but -nominal followed by {ESTIMATED} (sampled mode); or your own, "
-    "as module:attribute."
+    "as module:attribute or FILE.py:NAME."
 )
 """Every way to name a controller."""

@@ -460,7 +460,9 @@ def _source_hash(function: object) -> str | None:
 
 
 def load_python_controller(spec: str, belief: CartPoleParameters | None = None) -> PythonController:
-    """Return the controller that a module defines, under the name ``module.attribute``."""
+    """Return the controller that a module or a file defines, named ``module.attribute``."""
+    place, _, attribute = spec.partition(":")
+    spec = f"{_module_of(place) or place}:{attribute}"
     name = spec.replace(":", ".")
     return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
 
@@ -470,11 +472,10 @@ def load_attribute(spec: str) -> Any:
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
     parts = (*module_name.split("."), *function_name.split("."))
-    if module_name.endswith(".py") or not all(part.isidentifier() for part in parts):
-        rule = "must be module:attribute"
-        if (meant := _module_of(module_name)) not in ("", module_name):
-            rule += f", with no slash or .py; did you mean {meant}:{function_name}?"
-        raise InvalidValueError(thing, rule)
+    if not all(part.isidentifier() for part in parts):
+        raise InvalidValueError(
+            thing, "must be module:attribute, or FILE.py:NAME below this folder"
+        )
     found: Any = import_from(os.getcwd(), module_name, thing)
     for part in function_name.split("."):
         if not hasattr(found, part):
