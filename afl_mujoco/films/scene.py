@@ -26,8 +26,9 @@ Number = tuple[float, tuple[float, float]]
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
 
-BEHIND = 1.02
-"""How far from the camera the ghost is, over where it would be: what agrees hides it."""
+BEHIND, RIM = 1.02, 0.005
+"""How far from the camera the ghost is, over where it would be, and how much larger it is, as a
+share of the extent of the model: a rim where both agree."""
 
 VIEW_PAUSE = 1.5
 """Pause of the viewer before a repetition [s]."""
@@ -114,10 +115,12 @@ def _haunt(
     moving = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
     mujoco.mjv_addGeoms(m, ghost, option, perturb, moving, scene)
     eye, known = eye_of(scene), any(scene.camera[0].forward)  # not in the user's part of a viewer
-    for geom in scene.geoms[first : scene.ngeom]:
+    for number, geom in enumerate(scene.geoms[first : scene.ngeom], start=first):
+        geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # not what it is a ghost of
+        geom.segid = geom.objid = number
         geom.rgba[:] = GHOST
         geom.matid = -1
-        geom.size[:] *= BEHIND
+        geom.size[:] = BEHIND * geom.size + RIM * m.stat.extent
         if known:  # farther and larger: in the same place of the picture
             geom.pos[:] = eye + BEHIND * (geom.pos - eye)
 
