@@ -115,10 +115,11 @@ def _state(thing: str, value: Any, plant: Plant) -> tuple[float, ...]:
         value = [given.get(name, 0.0) for name in names]
     if isinstance(value, str) or not isinstance(value, Iterable):
         raise InvalidValueError(thing, "must be a table by name or a list", repr(value))
-    state = tuple(require_finite(thing, x) for x in value)
-    if len(state) != count:
+    if len(value := tuple(value)) != count:
         words = {2: "two", 4: "four", 6: "six"}
-        raise InvalidValueError(thing, f"must hold {words.get(count, count)} numbers", len(state))
+        raise InvalidValueError(thing, f"must hold {words.get(count, count)} numbers", len(value))
+    pairs = zip(names, value, strict=True)
+    state = tuple(require_finite(f"{thing} {name}", x) for name, x in pairs)
     if abs(most := max(state, key=abs)) > LARGEST_STATE:
         rule = f"must lie in -{LARGEST_STATE:g} to {LARGEST_STATE:g}"
         raise InvalidValueError(thing, rule, most)

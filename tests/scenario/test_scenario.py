@@ -97,7 +97,7 @@ def test_parameters_at_a_time_are_those_after_the_jump(odd_scenario):
         "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; "
         "did you mean phi?",
     ),
-    ({"initial_state": (0, math.nan, 0, 0)}, "initial_state must be finite, got nan"),
+    ({"initial_state": (0, math.nan, 0, 0)}, "initial_state phi must be finite, got nan"),
     ({"name": "a/b"}, "name must be printable, not empty and without '/', got 'a/b'"),
     ({"name": "a\nb"}, "name must be printable, not empty and without '/', got 'a\\nb'"),
     (
