@@ -24,7 +24,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import perform, prepare, timing_of
 from afl_mujoco.simulation.task import controller_policy

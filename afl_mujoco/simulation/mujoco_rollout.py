@@ -21,6 +21,7 @@ from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterCh
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import ticks_of, time_grid
 from afl_mujoco.simulation import integrator as dop853
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.integrator import (
     ATOL,
     RTOL,
@@ -31,7 +32,6 @@ from afl_mujoco.simulation.integrator import (
     integrate,
     longest_step_of,
 )
-from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     carried_momenta,

@@ -15,13 +15,13 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plant.dynamics import (
+from afl_mujoco.plants.cartpole_equations import (
     cart_acceleration,
     mass_matrix,
     pole_acceleration,
+    stretching_accelerations,
     velocity_jump,
 )
-from afl_mujoco.plant.stretching_rod import stretching_accelerations
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.disturbances import Impulse

@@ -17,7 +17,7 @@ from afl_mujoco.plants.tree import Tree
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import ode
-from afl_mujoco.simulation.linear import bound, plant_model
+from afl_mujoco.simulation.bound_controllers import bound, plant_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import Line, line_of
 from afl_mujoco.simulation.trajectory import Trajectory

@@ -20,7 +20,7 @@ from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import ticks_of
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import fine_enough
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout

@@ -24,7 +24,7 @@ from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import whole_steps
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory

@@ -20,8 +20,8 @@ from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import DWELL, Judgement, failure_of, judge, judge_ending
-from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.hardware import RunState
