@@ -84,10 +84,7 @@ class Equations:
         return n * (n + 1 + k) if self.plant.terms else n
 
     def at(self, points: Points, *, gaps: bool = False) -> Floats:
-        """Return what they give, a row a point: accelerations, or M, h and B row by row.
-
-        gaps: NaN where they raise, or give what is not finite; else this is an error.
-        """
+        """Return what they give, a row a point; with `gaps` NaN where that is no number."""
         found = np.full((len(points.q), self.size), np.nan)
         for *point, out in zip(*points, found, strict=True):
             try:
@@ -144,7 +141,6 @@ def load_equations(plant: Plant, points: Points) -> Equations:
 
 
 def _interpreted(plant: Plant) -> Fill:
-    """Return the equations as the interpreter sees them, every answer looked at."""
     n, k = len(plant.coordinates), len(plant.inputs)
     function: Any = plant.terms or plant.accelerations
     word = _word(plant)
@@ -173,7 +169,6 @@ def _interpreted(plant: Plant) -> Fill:
 
 
 def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
-    """Return what equations gave as an array, or raise."""
     try:
         array = np.asarray(found)
         real = array.astype(np.float64) if array.dtype.kind in "biufO" else None
@@ -191,10 +186,7 @@ def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
 
 
 def _compiled(plant: Plant) -> tuple[Fill, Any]:
-    """Return the equations as compiled code, which numba keeps under a key of all they read.
-
-    And a function for `Callback`.
-    """
+    """Return the equations as compiled code under a key of all they read, and for `Callback`."""
     function: Any = plant.terms or plant.accelerations
     lines = list(_source(plant))
     said = [*lines, *plant.parameters, *sorted(_read(function, {}))]
@@ -294,7 +286,6 @@ def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
 
 
 def _text(code: types.CodeType) -> str:
-    """Return code as text without addresses."""
     constants = [_text(x) if isinstance(x, types.CodeType) else repr(x) for x in code.co_consts]
     return f"{code.co_code.hex()} {code.co_names} {constants}"
 
@@ -376,12 +367,10 @@ def from_sympy(
 
 
 def _tuple(items: Iterable[str]) -> str:
-    """Return the source of a tuple."""
     return f"({''.join(f'{x}, ' for x in items)})"
 
 
 def _python(expression: Any) -> str:
-    """Return an expression of SymPy as Python, or raise."""
     from sympy import pycode
 
     try:

@@ -38,7 +38,6 @@ class Mjcf:
             self.motors[one.get("name", "")] = {**general, **self._whole(one, "main", one.tag)}
 
     def _learn(self, element: ElementTree.Element, above: str) -> None:
-        """Note a class of defaults, and those below it."""
         name = element.get("class", "main")
         inherited = {tag for at, tag in self._defaults if at == above}
         for tag in {one.tag for one in element} | inherited:
@@ -49,12 +48,10 @@ class Mjcf:
             self._learn(one, name)
 
     def _whole(self, element: ElementTree.Element, inherited: str, tag: str) -> dict[str, str]:
-        """Return the attributes of an element with those of its class."""
         at = element.get("class", inherited)
         return {**self._defaults.get((at, tag), {}), **element.attrib}
 
     def _visit(self, element: ElementTree.Element, inherited: str) -> None:
-        """Note the joints of a body, and of those in it."""
         inherited = element.get("childclass", inherited)
         for joint in element.findall("joint"):
             self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")

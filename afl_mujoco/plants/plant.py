@@ -61,7 +61,6 @@ class Parameter:
     jump: Literal["velocities", "momenta"] = "velocities"
 
     def __post_init__(self) -> None:
-        """Check the numbers, and let bounds that are not given be the value."""
         check_fields(self)
         for name in ("low", "high"):
             if getattr(self, name) is None:
@@ -270,7 +269,6 @@ class Plant:
     origin: str = field(default="", repr=False)  # what `load_plant` takes, if it was loaded
 
     def __post_init__(self) -> None:
-        """Refuse what no plant can be; the MJCF is read on first use."""
         if not (isinstance(self.name, str) and self.name):
             raise InvalidValueError("plant", "must have a name", told(self.name, repr))
         if not isinstance(self.model, str | Path):
@@ -299,18 +297,15 @@ class Plant:
         self._refuse_doubles()
 
     def __reduce__(self) -> Any:
-        """Pickle a plant that was loaded by where it is from."""
         if not self.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, for more than one process"
             raise InvalidValueError(f"plant {self.name!r}", rule)
         return _loaded, (self.origin,)
 
     def __deepcopy__(self, memo: Any) -> Plant:
-        """Return the plant itself, which never changes."""
         return self
 
     def _require_kinds(self) -> None:
-        """Raise unless each field is of its kind, and equations are given once."""
         if not self.coordinates:
             raise InvalidValueError("coordinates", "must name at least one joint", "none")
         for thing in ("wraps", "ends_at"):
@@ -329,7 +324,6 @@ class Plant:
             raise InvalidValueError("plant", "must have accelerations or terms, not both")
 
     def _take_numbers(self, thing: str, count: int) -> None:
-        """Store numbers as floats, or raise unless there are so many."""
         if (given := getattr(self, thing)) is None:
             return
         numbers = tuple(require_finite(thing, x) for x in given)
@@ -338,7 +332,6 @@ class Plant:
         object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
-        """Raise if two things of a plant have one name."""
         owner: dict[str, str] = {}
         for kind, names in {
             "state": self.states, "input": self.inputs, "parameter": self.parameters,
@@ -351,7 +344,6 @@ class Plant:
                 owner[name] = kind
 
     def __repr__(self) -> str:
-        """Return what it is called, and its names."""
         names = ("coordinates", "inputs", "parameters")
         given = (f"{name}={tuple(getattr(self, name))}" for name in names)
         return f"Plant(name={self.name!r}, {', '.join(given)})"
@@ -408,7 +400,6 @@ class Plant:
 
 
 def _names(thing: str, given: Any) -> tuple[str, ...]:
-    """Return names, or raise."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise InvalidValueError(thing, "must be a tuple of names", told(given, repr))
     for name in given:
@@ -423,15 +414,11 @@ KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 
 @cache
 def _loaded(origin: str) -> Plant:
-    """Return the plant of an origin, loaded once in a process."""
     return load_plant(origin)
 
 
 def load_plant(spec: str, folder: Path | None = None) -> Plant:
-    """Return the plant of ``"furuta.py:plant"`` or ``"module:attribute"``; the file is executed.
-
-    folder: What a path is relative to; the working directory by default.
-    """
+    """Return the plant of ``"file.py:plant"``, relative to a folder, or ``"module:plant"``."""
     place, _, attribute = KNOWN.get(spec, spec).rpartition(":")
     if not (place and attribute.isidentifier()):
         rule = "must be FILE.py:NAME or MODULE:NAME"

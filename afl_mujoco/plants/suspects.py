@@ -73,7 +73,6 @@ def _share(thing: str, c: float) -> str:
 
 
 def _inertial(thing: str, c: float) -> str:
-    """Return the same of what is positive: a motor or a force has the other sign then."""
     return _share(thing, c) if c > -1.0 - 1e-5 else ""
 
 
@@ -100,10 +99,7 @@ def _whole(words: str, c: float) -> str:
 
 
 class Search:
-    """One search through all suspects, at points where equations and tree differ.
-
-    tree_of: Returns the tree for a row of parameters.
-    """
+    """One search through all suspects, at points where equations and tree differ."""
 
     def __init__(
         self,
@@ -203,11 +199,7 @@ class Search:
         return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
 
     def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Floats:
-        """Return what is left if the equations were of other coordinates.
-
-        turn: These coordinates, as a matrix times MuJoCo's.
-        ours: What they have of MuJoCo's coordinates all the same: inputs, damping.
-        """
+        """Return what is left if the equations were of `turn` times MuJoCo's coordinates."""
         q, v = self.points.q @ turn.T, self.points.v @ turn.T
         found = self.equations.at(self.points._replace(q=q, v=v), gaps=True)
         if not self.plant.terms:
@@ -507,7 +499,6 @@ def _explained(say: Callable[[float], str], start: Floats, left: Floats) -> Iter
 
 
 def _is_left(start: Floats, left: Floats) -> bool:
-    """Return whether anything is left of a difference."""
     return not bool(np.abs(left).max() <= EXPLAINED * np.abs(start).max() + ROUNDING)
 
 
@@ -524,7 +515,6 @@ def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
 
 
 def _subsets(count: int) -> Iterator[list[int]]:
-    """Yield which of some coordinates may be meant, few of them first."""
     for size in range(1, (count if count <= MANY else 2) + 1):
         yield from map(list, itertools.combinations(range(count), size))
 
@@ -534,7 +524,6 @@ def _all(names: Sequence[str]) -> str:
 
 
 def _only(array: Floats, index: Any) -> Floats:
-    """Return an array with all but some of it zero."""
     found = np.zeros_like(array)
     found[index] = array[index]
     return found
@@ -547,7 +536,6 @@ def _exchanges(count: int) -> Iterator[tuple[int, int, list[int]]]:
 
 
 def _least(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return about where a function of one number is least."""
     from scipy.optimize import minimize_scalar
 
     reach = 0.1 * (high - low) or 0.1

@@ -58,7 +58,6 @@ class Target(NamedTuple):
     item: int
 
     def __str__(self) -> str:
-        """Return it as ``write`` names it."""
         scalar = FIELDS[f"{self.kind} {self.field}"][1] == 1
         parts = (self.kind, self.name, self.field, "" if scalar else str(self.item))
         return " ".join(filter(None, parts))
@@ -127,7 +126,6 @@ class PlantModel:
         }
 
     def _named(self, values: Floats) -> Any:
-        """Return parameters by name, with the details of the plant."""
         p = self.plant.named(values)
         vars(p).update(self.details)
         return p
@@ -162,7 +160,6 @@ class PlantModel:
                 raise InvalidValueError(f"actuator {name!r}", rule.format("ctrlrange"))
 
     def _written(self, p: Any) -> Mapping[str, Any]:
-        """Return what the plant's ``write`` returns, or raise."""
         if self.plant.write is None:
             return {}
         given = dict(vars(p))
@@ -175,7 +172,6 @@ class PlantModel:
         return found
 
     def _targets(self, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
-        """Return what is written, number by number, and the first values."""
         values: dict[Target, float] = {}
         for target, value in self._numbers(found):
             if target in values:
@@ -185,7 +181,6 @@ class PlantModel:
         return [*values], [*values.values()]
 
     def _numbers(self, found: Mapping[str, Any]) -> Iterator[tuple[Target, Any]]:
-        """Yield every number with its target."""
         for key, value in found.items():
             if isinstance(value, Shape):
                 kind, _, name = str(key).partition(" ")
@@ -268,7 +263,6 @@ class PlantModel:
         return np.array([self._row(self._named(row), 1)[0] for row in table])
 
     def _row(self, p: Any, count: int) -> Floats:
-        """Return rows from what ``write`` returns for floats or arrays."""
         numbers = dict(self._numbers(self._written(p)))
         if others := numbers.keys() ^ set(self.targets):
             raise InvalidValueError(f"write: {min(others)}", "must be written for every p")
@@ -282,12 +276,7 @@ class PlantModel:
         return columns.T.copy()
 
     def drift(self, parameters: Floats, rates: Floats) -> Floats:
-        """Return how bodies move in their frames where parameters have rates, or raise.
-
-        parameters, rates: Shape (N, parameters), a rate that does not act 0.
-        Returns ndarray: First and second derivatives in time of body_pos and of body_ipos, and the
-            first of body_inertia, shape (N, bodies, 5, 3).
-        """
+        """Return first and second derivatives of body_pos and body_ipos, first of inertia."""
         found = np.zeros((len(parameters), self.mj_model.nbody, 5, 3))
         size = np.maximum(np.abs(parameters), 1e-3 * np.maximum(np.abs(self.plant.nominal), 1e-3))
         with np.errstate(divide="ignore"):
@@ -382,7 +371,6 @@ class PlantModel:
                 raise InvalidValueError(f"parameter {name!r}", rule)
 
     def _held(self, field: str) -> Any:
-        """Return the array of a field that is written."""
         return self.mj_model.opt.gravity if field == "gravity" else getattr(self.mj_model, field)
 
     @property
@@ -459,7 +447,6 @@ class PlantModel:
 
     @staticmethod
     def _tree_fields(m: Any) -> dict[str, Any]:
-        """Return what a tree is made of."""
         same = (
             *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
             *("jnt_axis", "jnt_pos", "dof_damping", "dof_armature", "actuator_gear"),
@@ -485,7 +472,6 @@ class PlantModel:
 
 
 def _is_numbers(held: Any) -> bool:
-    """Return whether what a model holds is one or more numbers."""
     return isinstance(held, np.ndarray | int | float) and np.size(held) > 0
 
 
@@ -512,7 +498,6 @@ def _parsed(key: Any) -> tuple[Target, int]:
 
 
 def _holder(spec: Any, target: Target) -> tuple[Any, str]:
-    """Return what holds a target in a description, and the attribute."""
     if target.kind == "option":
         return spec.option, target.field
     found = getattr(spec, target.kind)(target.name)
@@ -524,7 +509,6 @@ def _holder(spec: Any, target: Target) -> tuple[Any, str]:
 
 
 def _read(plant: Plant) -> Any:
-    """Return the description of a plant's MJCF."""
     path = plant.model if isinstance(plant.model, Path) else None
     if path and not path.is_file():
         raise FileError(str(path), "cannot be read: no such file")
@@ -538,5 +522,4 @@ def _read(plant: Plant) -> Any:
 
 
 def _one_line(error: Exception) -> str:
-    """Return MuJoCo's words without their line breaks."""
     return " ".join(str(error).removeprefix("Error: ").split())

@@ -67,19 +67,13 @@ def _lit(spec: mujoco.MjSpec) -> None:
 
 
 def cart_size(cart_mass: float) -> tuple[float, float, float]:
-    """Return the half-size of the drawn cart [m]: width and depth grow with M at one density.
-
-    cart_mass: M [kg]; the model's own cart is drawn at 1 kg.
-    """
+    """Return the half-size of the drawn cart [m]: width and depth grow with M at one density."""
     grown = float(np.sqrt(np.clip(cart_mass, 0.05, 5.0)))
     return CART_HALF_SIZE[0] * grown, CART_HALF_SIZE[1] * grown, CART_HALF_SIZE[2]
 
 
 def show_mass(scene: mujoco.MjvScene, cart: int, mass: float) -> None:
-    """Draw the cart in the size and colour of its mass; the model does not change.
-
-    mass: M [kg].
-    """
+    """Draw the cart in the size and colour of its mass [kg]; the model does not change."""
     share = min(mass / HEAVY, 1.0)
     for geom in scene.geoms[: scene.ngeom]:
         if geom.objtype == mujoco.mjtObj.mjOBJ_GEOM and geom.objid == cart:
@@ -126,10 +120,7 @@ def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool
 
 
 def add_stops(scene: mujoco.MjvScene, end: float | None, cart_mass: float) -> None:
-    """Draw the end stops where the drawn cart touches them; none if the rail has no end.
-
-    end: Half-length of the rail [m], at which the middle of the cart is stopped.
-    """
+    """Draw the end stops where the drawn cart touches them; none if the rail has no end."""
     if end is None:
         return
     half, box = cart_size(cart_mass), mujoco.mjtGeom.mjGEOM_BOX

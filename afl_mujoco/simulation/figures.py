@@ -76,7 +76,6 @@ def _panels(run: Trajectory) -> list[_Panel]:
 
 
 def _label(name: str, layout: Layout) -> str:
-    """Return the label of an axis."""
     words = _WORDS.get(name, symbol(name))
     unit = layout.units.get(name, "")
     return f"{words} [{unit}]" if unit and "[" not in words else words

@@ -78,11 +78,7 @@ def _stage(rates, arguments, time, state, step, slopes, row, point):
 
 @jitable
 def try_step(rates, arguments, time, state, step, slopes, after):
-    """Write the stages of a step and the state after it.
-
-    time, state, step: Start of the step [s], state there, and length of the step [s].
-    after: Takes the state.
-    """
+    """Write the stages of a step, and into `after` the state after it."""
     for row in range(1, STAGES + 1):
         _stage(rates, arguments, time, state, step, slopes, row, after)
 
@@ -187,10 +183,7 @@ def _crossing(limits, fitted, state, point):
 
 @jitable
 def _take_step(rates, arguments, time, end, state, step, options, slopes, after):
-    """Take a step that is short enough; return its end [s] and the factor for the next step.
-
-    If no step is short enough, the end returned is the start.
-    """
+    """Take a step that is short enough; return its end, the start if none is, and a factor."""
     rtol, atol, longest = options
     least = 10.0 * abs(np.nextafter(time, np.inf) - time)  # as SciPy's: shorter is round-off
     step, rejected = max(min(step, longest), least), False  # a segment may be shorter
@@ -220,7 +213,6 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 
 @jitable
 def _crossed(limits, state, after):
-    """Return whether a step goes across an end of the run."""
     return (limit_margin(limits, state) >= 0.0) != (limit_margin(limits, after) >= 0.0)
 
 
@@ -274,10 +266,7 @@ def solve(rates, arguments, limits, start, end, state, times, options, work, fou
 
 @jitable
 def rk4_step(rates, arguments, time, step, state, work, after):
-    """Write the state after a textbook RK4 step.
-
-    work: Work space, shape (5, states) or longer: the slopes of four stages, the state of a stage.
-    """
+    """Write the state after a textbook RK4 step; `work` has five rows or more."""
     point = work[4]
     rates(arguments, time, state, work[0])
     for row in range(1, 4):
@@ -461,10 +450,7 @@ def compiled_solver(
     atol: float = ATOL,
     longest: float = MAX_STEP,
 ) -> Solver:
-    """Return the compiled integrator as `integrate` takes it.
-
-    longest: Longest step [s].
-    """
+    """Return the compiled integrator, its steps up to a longest [s], for `integrate`."""
     options = (rtol, atol, longest)
     work = work_space(2 * len(criterion.target))
 
@@ -505,7 +491,6 @@ def limit_margin(limits, state):
 
 
 def _premature_end(solution: Any, segment: Segment, criterion: Criterion) -> Outcome:
-    """Return how a run ended in a segment that did not reach its end."""
     fell, diverged = solution.t_events
     if len(fell):
         return Outcome(FELL, float(fell[0]))
@@ -517,5 +502,4 @@ def _premature_end(solution: Any, segment: Segment, criterion: Criterion) -> Out
 
 
 def _ending(criterion: Criterion, state: NDArray[np.float64]) -> str:
-    """Return how a run that cannot continue from `state` has ended."""
     return OUTCOMES[ending_of(criterion, state)]

@@ -65,7 +65,6 @@ def least_margin(requirements: Iterable[Judgement]) -> float | None:
 
 
 def _margin(one: Judgement) -> float:
-    """Return a margin to compare with others."""
     return -math.inf if one.margin is None else one.margin
 
 
@@ -78,10 +77,7 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 def judge_ending(
     scenario: Scenario, outcome: Outcome, peaks: Sequence[float]
 ) -> tuple[Judgement, ...]:
-    """Judge a run by what needs no record of it: whether it completes and spares the end stops.
-
-    peaks: The largest magnitude of each coordinate.
-    """
+    """Judge by what needs no record: if it completes, and the largest coordinates."""
     required, completed = scenario.required, outcome.kind == COMPLETED
     found = []
     if "completes" in required:
@@ -104,10 +100,7 @@ def judge_ending(
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
-    """Judge a run without a result, because its controller failed: no requirement is met.
-
-    Completing the run counts as one of them even if the scenario does not require it.
-    """
+    """Judge a run whose controller failed: it misses every requirement, and completing."""
     limits = {"completes": scenario.duration, **scenario.required}
     return tuple(
         Judgement(requirement=name, limit=limit, value=None, margin=None)
@@ -116,7 +109,6 @@ def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
 
 
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
-    """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
     metrics, known = run.metrics, asked_of(scenario.plant)
     inputs = scenario.plant.inputs
@@ -141,7 +133,6 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
 
 
 def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
-    """Return where a run is outside the bands of rest."""
     names = scenario.plant.coordinates
     bands = np.array([scenario.band(name) for name in names])
     return np.asarray((np.abs(run.away[:, : len(names)]) > bands).any(axis=1))

@@ -60,7 +60,6 @@ def effort_names(inputs: Sequence[str], name: str) -> tuple[str, str, str, str, 
 
 
 def _parsed(key: str) -> tuple[str, str]:
-    """Return the beginning of the name of a metric of a state, and the state."""
     start = next((one for one in _OF_STATE if key.startswith(one)), "")
     return start, key.removeprefix(start)
 
@@ -171,12 +170,10 @@ def integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
 
 
 def _staircase(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
-    """Return the integral over time of values that are each held until the next instant."""
     return float(values[:-1] @ np.diff(time))
 
 
 def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:
-    """Return the share of the time in which the switching term is saturated."""
     saturated = (np.abs(ratio) >= 1.0).astype(float)
     return integral(saturated, time) / float(max(time[-1], 1e-300))
 

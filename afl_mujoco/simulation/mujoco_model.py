@@ -132,10 +132,7 @@ def write_state(at, state):
 
 @kernel
 def forward(at, state, inputs, forces, out):
-    """Write MuJoCo's accelerations for a state, inputs and generalised forces.
-
-    state, inputs, forces, out: Shapes (2 n,), (k,), (n,), (n,).
-    """
+    """Write MuJoCo's accelerations for a state, inputs and generalised forces."""
     write_state(at, state)
     write_numbers(at.ctrl, inputs)
     write_numbers(at.applied, forces)
@@ -172,7 +169,6 @@ def _turned(address, vector, out):
 
 @jitable
 def _crossed(a, b, factor, out):
-    """Add a multiple of a x b."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] += factor * (a[j] * b[k] - a[k] * b[j])
@@ -234,10 +230,7 @@ def carried_momenta(
     rates: NDArray[np.float64],
     state: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the momenta that rates of parameters give a plant at rest, N p', shape (n,).
-
-    The parameters are written into the model.
-    """
+    """Write parameters; return the momenta that rates give a plant at rest, N p'."""
     model.write(values)
     n = model.addresses.n
     found, at_rest = np.empty(n), np.concatenate([state[:n], np.zeros(n)])
@@ -283,31 +276,16 @@ class SimulatedModel:
             self.set_imperfections(imperfections)
 
     def drive(self, data: mujoco.MjData) -> None:
-        """Make `data` the state that compiled code reads and writes.
-
-        Parameters
-        ----------
-        data
-            An MjData of this model, for example that of a dm_control Physics.
-        """
+        """Make `data`, as of a dm_control Physics, what compiled code works on."""
         self.mj_data = data
         self.addresses = _addresses(self, data)
 
     def write(self, values: NDArray[np.float64]) -> None:
-        """Change the plant: absolute values, derived constants refreshed, state kept.
-
-        Parameters
-        ----------
-        values
-            The new parameters, shape (parameters,).
-        """
+        """Change the parameters: derived constants refreshed, state kept."""
         write_row(self.addresses.structures, self.addresses.targets, self.rows(values)[0])
 
     def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what parameters are in the model, each row checked.
-
-        values: Shape (N, parameters).
-        """
+        """Return what parameters, shape (N, parameters), are in the model, each checked."""
         rows = self.writer.rows(values)
         self.writer.require(rows, np.atleast_2d(values))
         return rows
@@ -315,17 +293,7 @@ class SimulatedModel:
     def accelerations(
         self, state: NDArray[np.float64], inputs: Any = 0.0, forces: Any = 0.0
     ) -> NDArray[np.float64]:
-        """Return MuJoCo's accelerations, shape (n,).
-
-        Parameters
-        ----------
-        state
-            Coordinates and rates, shape (2 n,).
-        inputs
-            What the drives exert [N], one number or shape (k,).
-        forces
-            Generalised forces beside them [N, N m], one number or shape (n,).
-        """
+        """Return MuJoCo's accelerations under inputs and generalised forces."""
         at = self.addresses
         found, exerted, beside = np.empty(at.n), np.empty(at.k), np.empty(at.n)
         exerted[:], beside[:] = inputs, forces
@@ -333,26 +301,14 @@ class SimulatedModel:
         return found
 
     def course(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the rows that are written along a course of parameters, and which is written when.
-
-        values: Shape (N, parameters), or with their rates behind them; where they stay, so does the
-            row.
-        """
+        """Return the rows that a course of values writes, and which is when; rates may follow."""
         changed = np.ones(len(values), dtype=np.bool_)
         changed[1:] = (values[1:] != values[:-1]).any(axis=1)
         parameters = values[changed][:, : len(self.plant.parameters)]
         return np.ascontiguousarray(self.rows(parameters)), np.cumsum(changed) - 1
 
     def set_imperfections(self, imperfections: Imperfections) -> None:
-        """Change passive physics and mass distribution to those of `imperfections` alone.
-
-        The parameters are to be written afterwards.
-
-        Parameters
-        ----------
-        imperfections
-            Damping, friction, armature and end stops are added to the model as it was compiled.
-        """
+        """Take passive physics and mass distribution; then write the parameters."""
         imperfections = imperfections.of_plant(self.plant)
         for name, field in WRITTEN.items():
             for part in getattr(imperfections, name):
@@ -390,11 +346,7 @@ class SimulatedModel:
         return float(max(rates))
 
     def compute_only(self) -> None:
-        """Disable what MuJoCo need not compute: the same bits in up to a third less time.
-
-        A plant is one tree without contacts, so there is one island of constraints at most and
-        none to be found. Every other flag stays as it is.
-        """
+        """Disable what one tree without contacts does not need: the same bits sooner."""
         bits, model = mujoco.mjtDisableBit, self.mj_model
         needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
         flags = model.opt.disableflags | int(needless)
@@ -403,12 +355,7 @@ class SimulatedModel:
         model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
 
     def generalised(self, channels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return what forces on `channels_of` are along coordinates, and beside the drives.
-
-        channels: Shape (N, k + n).
-        Returns tuple of ndarray: Shapes (N, n) and (N, k): what acts on a joint acts along it, and
-            what acts at a site stays with its input.
-        """
+        """Return forces on `channels_of` along coordinates, and beside drives at sites."""
         model, k = self.mj_model, len(self.plant.inputs)
         along, beside = channels[:, k:].copy(), np.zeros((len(channels), k))
         for i in range(k):
@@ -492,7 +439,6 @@ def shown(plant: Plant, file: str) -> Plant:
 
 
 def _addresses(model: SimulatedModel, data: mujoco.MjData) -> Addresses:
-    """Return the addresses of everything that compiled code reads and writes."""
     if data.qpos.dtype != np.float64:
         raise InvalidValueError("MuJoCo", "must be built in double precision", data.qpos.dtype)
     own = model.mj_model

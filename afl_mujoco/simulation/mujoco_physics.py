@@ -85,10 +85,7 @@ class Episode(NamedTuple):
 
 
 def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
-    """Return the sampled inputs of a scenario, whose imperfections the model has.
-
-    timestep: Physics step [s].
-    """
+    """Return the sampled inputs of a scenario, whose imperfections the model has."""
     s, r, plant = scenario, scenario.imperfections, scenario.plant
     count = len(step_times(s.duration, timestep)) - 1
     changing = min(math.ceil(last_change(s) / timestep) + 1, count)
@@ -154,11 +151,7 @@ def begin_held(at, profile, run):
 
 @kernel
 def advance_held(at, timestep, profile, rows, which, actuators, run, pending, instant, hold):
-    """Take the steps of a control period under the commands in MjData; return the instant reached.
-
-    It stops where the state diverges. Otherwise it leaves model and data at that instant, with the
-    row of parameters that is its own.
-    """
+    """Take a control period under the commands in MjData, or until the state diverges."""
     read_state(at, run.after)
     if not within_limits(run.after):
         return instant
@@ -200,7 +193,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.reset()
 
     def _take(self, scenario: Scenario) -> None:
-        """Take the plant, the hardware and the inputs of a scenario."""
         self.scenario = scenario
         self._model.set_imperfections(scenario.imperfections)
         self.episode = episode_of(self._model, scenario, self._timestep, self.hold)
@@ -226,10 +218,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return round(float(self.data.ptr.time) / self._timestep)
 
     def parameters(self) -> NDArray[np.float64]:
-        """Return the true parameters that are `scheduled` now, after the jump where there is one.
-
-        Of the cart-pole (M, l) [kg, m], shape (2,); of another plant all, shape (parameters,).
-        """
+        """Return the true parameters that are `scheduled`, after the jump where there is one."""
         return self._at_instant(self.episode.now)
 
     def told_parameters(self) -> NDArray[np.float64]:
@@ -258,11 +247,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return not within_limits(self.true_state())
 
     def begin(self, state: Sequence[float]) -> None:
-        """Put the plant at t = 0 into `state`, then apply the impulses at that instant.
-
-        state: Coordinates and rates, of the cart-pole (z, phi, z_dot, phi_dot) [m, rad, m/s,
-            rad/s].
-        """
+        """Put the plant at t = 0 into a state, then apply the impulses at that instant."""
         self.data.ptr.time = 0.0
         write_state(self.addresses, np.array(state, dtype=np.float64))
         self.run, self._seen_at = self._new_run(), ()
@@ -284,11 +269,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
-        """Advance under the held commands, with the plant and the push of each physics step.
-
-        The controls in MjData hold the commands before the call, and what the drives exert after
-        it. A state that has diverged stays as it is.
-        """
+        """Advance under the commands in MjData, which then holds what the drives exert."""
         for name, force in zip(self.scenario.plant.inputs, self.data.ptr.ctrl, strict=True):
             if not abs(force) < STATE_LIMIT:
                 unit = f" {self.scenario.plant.units[name]}".rstrip()
@@ -302,10 +283,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         self.data.ptr.time = reached * self._timestep
 
     def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does.
-
-        Of the cart-pole forces are drawn as arrows, and M sets the size of the cart.
-        """
+        """Return a picture as dm_control does, of the cart-pole with forces and mass."""
         decorated = {"scene_callback": _decorate, **settings}
         plain = not self.scenario.is_cart_pole
         if plain or any(settings.get(name) for name in ("depth", "segmentation")):
@@ -339,7 +317,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
 
 def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
-    """Draw the cart's mass, the forces on it, the end stops and the marks of the rail near it."""
     mass, _ = physics.parameters()
     z = float(physics.data.ptr.qpos[0])
     push = physics.episode.profile.push

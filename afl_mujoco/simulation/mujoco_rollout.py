@@ -129,10 +129,7 @@ def _course(
     thing: str, table: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     values: NDArray[np.float64], step: NDArray[np.float64], smooth: float,
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return a table between two sets of parameters, as Chebyshev polynomials.
-
-    step: From the first set to the second.
-    """
+    """Return a table from some parameters on, a step further, as Chebyshev polynomials."""
     between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))
     expected = table(values + between[:, None] * step)
     scale = np.abs(expected).max(axis=0) + np.finfo(float).tiny
@@ -196,10 +193,7 @@ def _write_rates(at, line, space, state, rates):
 
 @jitable
 def loop_rates(arguments, time, state, rates):
-    """Write the rates of the loop of plant and controller, as integrators need them.
-
-    `arguments` are the addresses, the line and the work space, and the law of the controller.
-    """
+    """Write the rates of the loop, of the addresses, the line, the work space and the law."""
     at, line, space, law = arguments
     _write_at(at, line, space, time)
     command(law, time, state, space.values, space.inputs)
@@ -208,13 +202,11 @@ def loop_rates(arguments, time, state, rates):
 
 @kernel
 def _rates(at, line, space, law, time, state, rates):
-    """Write the rates of the loop for an integrator in Python."""
     loop_rates((at, line, space, law), time, state, rates)
 
 
 @borrowing_kernel
 def _solve(at, line, space, law, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment by `dop853.solve`."""
     return dop853.solve(
         loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
     )
@@ -222,7 +214,6 @@ def _solve(at, line, space, law, limits, start, end, state, times, options, work
 
 @borrowing_kernel
 def _step(at, line, space, law, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment by `dop853.solve_rk4`."""
     return dop853.solve_rk4(
         loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
     )
@@ -332,7 +323,6 @@ def _carried(
 
 
 def _at_rest_forces(model: SimulatedModel, state: NDArray[np.float64]) -> None:
-    """Let MuJoCo compute everything at a state, without any input."""
     at = model.addresses
     forward(at, state, np.zeros(at.k), np.zeros(at.n), np.empty(at.n))
 

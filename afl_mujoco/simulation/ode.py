@@ -144,10 +144,7 @@ def solve_ode(
     change: ParameterChange | None = None,
     trees: Trees | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
-    """Return only the times [s], the states reached and the outcome of `simulate_ode`.
-
-    longest_step: Longest step of the compiled method [s].
-    """
+    """Return only the times [s], the states reached and the outcome of `simulate_ode`."""
     scenario.require_ideal()
     require_stateless(controller, "the ODE")
     change = ParameterChange() if change is None else change
@@ -237,7 +234,6 @@ def write_rates(dynamics, line, space, time, state, rates):
 
 @jitable
 def _own_accelerations(dynamics, line, space, time, state, rates):
-    """Write the accelerations of a plant by its own equations."""
     n, k = dynamics.n, dynamics.k
     for i in range(k):
         limited = min(max(space.inputs[i], dynamics.low[i]), dynamics.high[i])
@@ -266,7 +262,6 @@ def _own_accelerations(dynamics, line, space, time, state, rates):
 
 @jitable
 def _papers_accelerations(line, space, state, rates):
-    """Write the accelerations of the cart-pole, of a rod that stretches where a rate acts."""
     p, stretch = space.values, line.stretch[0]
     given = (
         state[1], state[3], space.inputs[0] + (line.push[0] + line.push[1]), p[0], p[1], p[2], p[3]
@@ -279,10 +274,7 @@ def _papers_accelerations(line, space, state, rates):
 
 @jitable
 def _solve_in_place(matrix, right):
-    """Replace b by the solution of A x = b, by elimination with the largest pivots.
-
-    matrix: A row by row, shape (n * n,); it is overwritten.
-    """
+    """Replace b by the solution of A x = b, by elimination with the largest pivots."""
     n = len(right)
     for i in range(n):
         best = i
@@ -307,10 +299,7 @@ def _solve_in_place(matrix, right):
 
 @jitable
 def loop_rates(arguments, time, state, rates):
-    """Write the rates of the loop of plant and controller, as the integrators need them.
-
-    `arguments` are the dynamics, the line that acts and the true one, the law and the work space.
-    """
+    """Write the rates of the loop: dynamics, the line that acts, the true one, law, space."""
     dynamics, line, true, law, space = arguments
     values_at(true, time, space.values)  # (D7): the controller knows M(t) and l(t)
     command(law, time, state, space.values, space.inputs)
@@ -319,23 +308,18 @@ def loop_rates(arguments, time, state, rates):
 
 @jitable
 def held_rates(arguments, time, state, rates):
-    """Write the rates of the plant under inputs that are held.
-
-    `arguments` are the dynamics, the line and the work space.
-    """
+    """Write the rates of the plant under held inputs: dynamics, line, space."""
     dynamics, line, space = arguments
     write_rates(dynamics, line, space, time, state, rates)
 
 
 @kernel
 def _rates(dynamics, line, law, space, time, state, rates):
-    """Write the rates of the loop for an integrator in Python."""
     loop_rates((dynamics, line, line, law, space), time, state, rates)
 
 
 @borrowing_kernel
 def _solve(dynamics, line, law, space, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment."""
     return dop853.solve(
         loop_rates, (dynamics, line, line, law, space), limits, start, end, state, times, options,
         work, found,
@@ -343,10 +327,7 @@ def _solve(dynamics, line, law, space, limits, start, end, state, times, options
 
 
 class Motion:
-    """The equations of a plant on a scenario.
-
-    They say nothing of the rates of parameters: where these act, a tree says what they do.
-    """
+    """The equations of a plant; where rates of parameters act, a tree says what they do."""
 
     def __init__(
         self, scenario: Scenario, change: ParameterChange, trees: Trees | None = None
@@ -423,14 +404,12 @@ class Loop(Motion):
         *,
         continuous: bool = True,
     ) -> None:
-        """Take a controller that is evaluated continuously, or one that is held."""
         super().__init__(scenario, change, trees)
         self.laws = Laws(controller, scenario, continuous=continuous)
         if self.laws.callback is not None:
             self.called.append(self.laws.callback)
 
     def _on(self, segment: Segment) -> tuple[Dynamics, Line, Law]:
-        """Return what compiled code takes along a segment."""
         self.segment = segment
         return self.along(segment), line_of(segment, self.change), self.laws.along(segment)
 
@@ -445,10 +424,7 @@ class Loop(Motion):
         self, criterion: Criterion, rtol: float = RTOL, atol: float = ATOL,
         longest: float | None = None,
     ) -> Solver:  # fmt: skip
-        """Return DOP853 of the loop over a segment.
-
-        longest: Longest step [s].
-        """
+        """Return DOP853 of the loop over a segment."""
 
         def solve(segment: Segment, *rest: Any) -> Any:
             span = segment.start, segment.end
@@ -547,7 +523,6 @@ def _carried(
 
 
 def _given(trees: Trees | None) -> Trees:
-    """Return trees, or raise if there are none."""
     if trees is None:
         raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
     return trees

@@ -169,11 +169,7 @@ def _run(
     times: NDArray[np.float64],
     hold: int = 0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
-    """Return states, forces and outcome of a run on a fine grid.
-
-    times: The grid over whose steps parameters and disturbances are held [s].
-    hold: For how many of these the force is held; 0 for one that is evaluated in every stage.
-    """
+    """Return states, forces and outcome on a fine grid; `hold` 0 evaluates them in every stage."""
     controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
     loop = Loop(scenario, _PAPER, None, controller, continuous=False)
     limits, arrive, segments = criterion_of(scenario), loop.arrive, scenario.segments
@@ -217,7 +213,6 @@ def _run(
 
 @jitable
 def _hold(line, values, push, k):
-    """Let parameters and disturbing forces be those of a step, where there are any."""
     for i in range(values.shape[1]):
         line.values[i], line.rates[i] = values[k, i], 0.0
     for i in range(push.shape[1]):
@@ -229,10 +224,7 @@ def _advance(
     dynamics, line, true, law, space, holding, ticks, held, push, times, states, forces, work,
     limits, first, until,
 ):  # fmt: skip
-    """Step from an instant to another within a segment; return where it ended, and how.
-
-    line, true: What acts, overwritten where it is held, and what the controller knows.
-    """
+    """Step within a segment; `line`, overwritten where it is held, acts, `true` is known."""
     followed, plant = (dynamics, line, true, law, space), (dynamics, line, space)
     for k in range(first, until):
         if k > first and has_ended(limits, states[k]):
@@ -256,10 +248,7 @@ def _advance(
 
 
 def held_steps(scenario: Scenario, run: Trajectory) -> NDArray[np.float64]:
-    """Return where a textbook RK4 step leads from each state of a sampled run, shape (N - 1, 2 n).
-
-    Parameters are those of the middle of each step, disturbing forces their means over it.
-    """
+    """Return where an RK4 step leads from each state of a run, the inputs as deployed."""
     step = run.provenance["settings"]["timestep"]
     steps = np.diff(run.time)
     steps[np.abs(steps - step) < 1e-9] = step
@@ -274,7 +263,6 @@ def held_steps(scenario: Scenario, run: Trajectory) -> NDArray[np.float64]:
 
 @kernel
 def _held_steps(dynamics, line, space, states, inputs, values, push, steps, work, after):
-    """Write where steps lead."""
     for k in range(len(after)):
         _hold(line, values, push, k)
         for i in range(inputs.shape[1]):

@@ -63,10 +63,7 @@ def drawn_geoms(m: mujoco.MjModel) -> list[int]:
 
 
 def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int]:
-    """Yield the number of each instant of a run, with its parameters and state in the model.
-
-    values, states: Shapes (N, parameters) and (N, 2 n).
-    """
+    """Yield the number of each instant, with its parameters and state in the model."""
     at, (rows, which) = model.addresses, model.course(values)
     for k, state in enumerate(states):
         write_row(at.structures, at.targets, rows[which[k]])
@@ -76,10 +73,7 @@ def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int
 
 
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
-    """Return poses with the parameters of each instant written into the model.
-
-    values, states: Shapes (N, parameters) and (N, 2 n).
-    """
+    """Return poses with the parameters of each instant written into the model."""
     m, d, count = model.mj_model, model.mj_data, len(states)
     moving = [one for one in geoms if m.body_weldid[m.geom_bodyid[one]] > 0]
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
@@ -162,10 +156,7 @@ def plane_of(seen: Sequence[Floats]) -> Floats:
 def replay_data(
     scenario: Scenario, runs: Mapping[str, tuple[Floats, Floats]], endings: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return what a page needs to replay the runs of a scenario.
-
-    runs: Instants [s] and states by controller; `endings` say how one ended before the horizon.
-    """
+    """Return what a page replays, of instants [s] and states by controller, and endings."""
     model = SimulatedModel(scenario.plant)
     m, geoms = model.mj_model, drawn_geoms(model.mj_model)
     numbers = 9 * max(1, len(geoms)) * len(runs) * scenario.duration
@@ -244,10 +235,7 @@ def _changing(scenario: Scenario, times: Floats) -> list[tuple[str, str, Floats]
 def _lines(
     scenario: Scenario, model: SimulatedModel, geoms: Sequence[int], axes: Floats
 ) -> list[dict[str, Any]]:
-    """Return the rail, end stops and required limits of slides that are fixed in the world.
-
-    A line is drawn through a point along a direction, both in the plane that is seen.
-    """
+    """Return rail, end stops and required limits of slides fixed in the world, as lines."""
     m, d, plant = model.mj_model, model.mj_data, scenario.plant
     asked, stops, found = scenario.requirements, scenario.imperfections.end_stops, []
     for k, name in enumerate(plant.coordinates):
@@ -273,7 +261,6 @@ def _lines(
 
 
 def _line(words: str, at: Floats, along: Floats) -> dict[str, Any]:
-    """Return a line with what it is, the rail if nothing is said."""
     return {"words": words, "at": at.tolist(), "along": along.tolist()}
 
 

@@ -44,7 +44,6 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
 
 
 def _of_controller(scenario: Scenario, controller: Controller) -> list[str]:
-    """Return what a controller of the cart-pole says of the plants that it meets."""
     if not scenario.is_cart_pole:
         return []
     told, plants = scenario.assumed_plants, scenario.plants
@@ -67,7 +66,6 @@ def _beyond(scenario: Scenario) -> list[str]:
 
 
 def _jumping(scenario: Scenario) -> list[str]:
-    """Remark on parameters that jump though their rates act on the motion."""
     return [
         f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities stay"
         for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
@@ -78,7 +76,6 @@ def _jumping(scenario: Scenario) -> list[str]:
 
 
 def _unreached(scenario: Scenario) -> list[str]:
-    """Remark on changes of parameters that come after the end."""
     end, found = scenario.duration, []
     for name, schedule in scenario.schedule.items():
         knots = zip(schedule.times, schedule.values, strict=True)
@@ -89,7 +86,6 @@ def _unreached(scenario: Scenario) -> list[str]:
 
 
 def _without_effect(scenario: Scenario) -> list[str]:
-    """Remark on noise of what is not measured."""
     own = scenario.imperfections
     return [
         f"{path} has no effect, because velocities are differentiated"
@@ -99,7 +95,6 @@ def _without_effect(scenario: Scenario) -> list[str]:
 
 
 def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a coordinate that hits an end stop."""
     found, units = [], scenario.plant.units
     for i, name in enumerate(scenario.plant.coordinates):
         end = scenario.imperfections.end_stops.get(name)
@@ -135,7 +130,6 @@ def _at_range(scenario: Scenario, run: Trajectory) -> list[str]:
 
 
 def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a drive that cuts the command off."""
     found, figures, inputs = [], run.metrics, scenario.plant.inputs
     for name in inputs:
         names = effort_names(inputs, name)
@@ -155,7 +149,6 @@ def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
 
 
 def _refined(run: Trajectory) -> list[str]:
-    """Remark on a step that was made finer for the damping."""
     settings = run.provenance.get("settings", {})
     if (asked := settings.get("asked_timestep")) is None:
         return []
@@ -203,10 +196,7 @@ def _ended(scenario: Scenario, run: Trajectory) -> list[str]:
 
 
 def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
-    """Return remarks on values that one may have meant in another unit.
-
-    period: Control period [s].
-    """
+    """Return remarks on values, as the control period [s], meant in another unit."""
     waits = {"delay": scenario.imperfections.longest_delay, "control period": period or 0.0}
     return [*_slow(scenario, waits), *_coarse(scenario), *_long(scenario)]
 

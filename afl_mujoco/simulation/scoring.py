@@ -39,10 +39,7 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
 
 
 def nominal_scales(sample_period: float) -> ObjectiveScales:
-    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
-
-    sample_period: Spacing of the grid on which the integrals are taken [s].
-    """
+    """Return the scales of the objective: the fixed gains on the nominal plant (D4)."""
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
     run = simulate_ode(scenario, controller, sample_period=sample_period)
     return objective_scales(metrics(scenario, controller, run))

@@ -359,13 +359,7 @@ def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) 
 def controller_policy(
     controller: Controller, scenario: Scenario, *, control_period: float | None = None
 ) -> Callable[[TimeStep], NDArray[np.float64]]:
-    """Return the agent that runs a control law on the observation.
-
-    With it an environment reproduces `simulate_mujoco` in sampled mode, bit for bit.
-
-    control_period: Control period of the environment [s], for a Python controller, which gets the
-        time: the observation does not have it.
-    """
+    """Return the agent that reproduces sampled mode by the observation, bit for bit."""
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
     controller = bound(controller, scenario)

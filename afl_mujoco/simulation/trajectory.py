@@ -60,7 +60,6 @@ class Outcome:
     time: float
 
     def __str__(self) -> str:
-        """Return the outcome as a report writes it."""
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
@@ -150,7 +149,6 @@ class Trajectory:
     layout: Layout = field(default_factory=Layout)
 
     def __post_init__(self) -> None:
-        """Check the shapes and freeze the arrays."""
         count, k = len(self.time), len(self.layout.inputs)
         if self.command is None:
             object.__setattr__(self, "command", self.input)
@@ -255,12 +253,10 @@ class Trajectory:
         return ", ".join(name for name in (*what, self.simulator) if name)
 
     def __repr__(self) -> str:
-        """Return what was simulated and how it ended, in one line."""
         said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
         return printable(said)
 
     def _repr_html_(self) -> str:
-        """Return HTML for a notebook: how the run ended, and its figures in a table."""
         from afl_mujoco.simulation.metrics import label_of, unit_of
 
         heads = ("metric", "value", "unit", "key of <code>metrics</code>")
@@ -334,7 +330,6 @@ _ARRAYS = ("time", "state", "input", "command")
 
 
 def _frozen(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return values as an array that cannot be written, or raise unless they have a shape."""
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidValueError(name, f"must have shape {shape}", array.shape)
@@ -410,20 +405,14 @@ def has_ended(criterion, state):
 def controller_inputs(
     scenario: Scenario, controller: Controller, times: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the inputs of the controller at each of the `times`, shape (N, numbers).
-
-    times: Instants [s], shape (N,).
-    """
+    """Return the inputs of the controller at times [s], shape (N, numbers)."""
     return controller.inputs_for(scenario.plant, scenario.values(instants(times)))
 
 
 def signals_of(
     plant: Plant, states: NDArray[np.float64], values: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the signals of a plant along a run, each of shape (N,).
-
-    states, values: States and parameters, shapes (N, 2 n) and (N, parameters).
-    """
+    """Return the signals of a plant along states and parameters, each of shape (N,)."""
     n, found = len(plant.coordinates), {}
 
     def each(name: str, rows: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -460,7 +449,6 @@ def signals_of(
 
 @functools.cache
 def _versions() -> Mapping[str, str]:
-    """Return the versions that a run depends on; looking them up takes milliseconds."""
     return MappingProxyType({name: version(name) for name in _PACKAGES})
 
 
@@ -475,12 +463,7 @@ def assemble(
     inputs: NDArray[np.float64] | None = None,
     **deployed: Any,
 ) -> Trajectory:
-    """Put a simulator's result together.
-
-    times: The grid [s], shape (N,).
-    states: The states reached, shape (K, 2 n), K <= N.
-    inputs: Inputs [N], shape (K,) or (K, k); by default the controller's at each state.
-    """
+    """Put a simulator's result together; inputs are the controller's by default."""
     reached, plant = times[: len(states)], scenario.plant
     if inputs is None:
         inputs = controller.forces(

@@ -83,13 +83,10 @@ def _require_its_own(layer: gymnasium.Wrapper, base: type) -> None:
 
 
 def _named(layer: gymnasium.Wrapper) -> str:
-    """Return the name of a wrapper for messages."""
     return f"wrapper {type(layer).__name__} of the environment"
 
 
 def _in_turn(changes: list[Change]) -> Change:
-    """Return the function that applies changes one after the other."""
-
     def change(value: Any) -> Any:
         for one in changes:
             value = one(value)
@@ -194,7 +191,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self._under_way = self._closed = False
 
     def _limits(self, force_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the inputs of actions of -1 and 1."""
         scenario = self.scenario
         own = scenario.plant.limits if scenario.is_cart_pole else scenario.limits
         low, high = np.clip(own, -force_limit, force_limit).T
@@ -214,11 +210,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode.
-
-        Returns tuple: Observation, and information: ``time`` [s] and the ``force`` [N] that acted,
-            an array where a plant has several inputs.
-        """
+        """Start an episode; the information is ``time`` [s] and the ``force`` [N]."""
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
@@ -236,10 +228,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
     def step(
         self, action: ArrayLike
     ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
-        """Hold an action over one control period.
-
-        action: Inputs as shares of their limits, shape (k,), clipped to -1 and 1.
-        """
+        """Hold an action, shares of the inputs' limits, over one control period."""
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
         shares = np.asarray(action, dtype=np.float64)
@@ -271,7 +260,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what the settings add."""
         physics = self.dm_environment.physics
         control = physics.control()
         force = float(control[0]) if len(control) == 1 else control.copy()
@@ -283,7 +271,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         return known
 
     def _flat(self, step: TimeStep) -> NDArray[np.float64]:
-        """Return an observation as one array."""
         seen = step.observation
         parts = [seen[name] for name in ("position", "velocity", "parameters") if name in seen]
         return observed(np.concatenate(parts), self.scale)
@@ -356,7 +343,6 @@ def policy_controller(
 
 
 def _asks_whether_deterministic(predict: Callable[..., Any]) -> bool:
-    """Return whether a function takes ``deterministic``, and it is not given yet."""
     if isinstance(predict, functools.partial) and "deterministic" in predict.keywords:
         return False
     try:

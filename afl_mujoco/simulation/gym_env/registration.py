@@ -34,10 +34,7 @@ def require_gymnasium() -> None:
 
 
 def environment_id(scenario: str, *, randomize: bool = False) -> str:
-    """Return the name by which `gymnasium.make` finds a scenario, or its variant drawn at random.
-
-    The name leaves out the laboratory scenario, in which everything is drawn.
-    """
+    """Return the name of a scenario, or its variant drawn at random, without laboratory."""
     parts = ["CartPole", *([scenario] * (scenario != LABORATORY)), *(["Random"] * randomize)]
     return f"{NAMESPACE}/{'-'.join(parts)}-v0"
 
@@ -102,7 +99,6 @@ class _ThenRegister:
         self._loader = loader
 
     def __getattr__(self, name: str) -> Any:
-        """Return any other attribute of the loader."""
         return getattr(self._loader, name)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:

@@ -84,19 +84,16 @@ def _arrays(e: Episode, shown: NDArray[np.float64], pending: NDArray[np.float64]
 
 
 def _stacked(rows: Sequence[Any]) -> Any:
-    """Return named tuples as one whose fields have a row for each."""
     return type(rows[0])(*map(np.array, zip(*rows, strict=True)))
 
 
 def _put(stacked: Any, i: int, row: Any) -> None:
-    """Store a named tuple in row i of a stacked one."""
     for field, value in zip(stacked, row, strict=True):
         field[i] = value
 
 
 @kernel
 def _floats(where, columns):
-    """Return the array of an address and a length."""
     return carray(pointer(where[0]), (where[1], columns), np.float64)
 
 
@@ -108,13 +105,11 @@ def _numbers(where):
 
 @kernel
 def _whole_numbers(where):
-    """Return the array of an address and a length."""
     return carray(pointer(where[0]), (where[1],), np.int64)
 
 
 @kernel
 def _plant(i, many):
-    """Return model, sensors and profile of an environment."""
     a, s, e = many.at, many.sensors, many.episodes[i]
     at = Addresses(
         a.model[i], a.data[i], a.timestep[i], a.qpos[i], a.qvel[i], a.ctrl[i], a.applied[i],
@@ -135,11 +130,7 @@ def _plant(i, many):
 
 @kernel
 def _step(part, begins, hold, timestep, many, commands):
-    """Begin an episode in each environment of a part, or take a control period there.
-
-    begins: Whether episodes begin, from the states in ``many.truth``.
-    commands: What is commanded, shape (N, k).
-    """
+    """Begin episodes from the states in ``many.truth``, or take a control period, in a part."""
     r = many.runs
     for i in part:
         at, sensors, profile = _plant(i, many)
@@ -256,10 +247,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         NDArray[np.bool_],
         dict[str, Any],
     ]:
-        """Hold an action in every environment over one control period.
-
-        actions: Inputs as shares of their limits, shape (N, k), clipped to -1 and 1.
-        """
+        """Hold an action, shares of the inputs' limits, in every environment."""
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
         values, many = np.asarray(actions, dtype=np.float64), self._many
@@ -303,7 +291,6 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._first.close()
 
     def _draw(self, i: int) -> tuple[Scenario, Sequence[float], Episode]:
-        """Return the scenario of an environment's next episode, its start and its inputs."""
         task, physics = self._first.dm_environment.task, self._first.dm_environment.physics
         reseed(task, self._randoms[i])
         scenario, start = task.draw(physics.scenario)
@@ -314,7 +301,6 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return scenario, start, episode_of(model, scenario, self._timestep, self._hold)
 
     def _begin(self, i: int, scenario: Scenario, start: Sequence[float], e: Episode) -> None:
-        """Start an episode in one environment, as `ScenarioEnv.reset` does."""
         many, model = self._many, self._models[i]
         shown = e.now if self._first.parameters == PRIVILEGED else e.told
         self._kept[i] = arrays = _arrays(e, shown, no_commands(e.actuators))
@@ -330,12 +316,10 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         _step(np.array([i]), True, self._hold, self._timestep, many, many.forces)
 
     def _observations(self) -> NDArray[np.float64]:
-        """Return the observations of each environment, shape (N, numbers)."""
         told = [self._many.told] if self._first.parameters == OBSERVED else []
         return observed(np.concatenate([self._many.seen, *told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what the settings add, as `SyncVectorEnv` does."""
         many = self._many
         forces = many.forces[:, 0] if many.forces.shape[1] == 1 else many.forces
         known = {"time": many.instants * self._timestep, "force": forces.copy()}

@@ -32,10 +32,7 @@ def _philox(c0, c1, c2, c3, k0, k1):
 
 @kernel
 def random_words(counter, key):
-    """Return the block of Philox4x32-10, four words.
-
-    counter, key: Words of 32 bits as uint64, shape (4,) and (2,).
-    """
+    """Return the block of Philox4x32-10 for a counter of four words and a key of two."""
     return _philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
 
@@ -133,10 +130,7 @@ class Sensors(NamedTuple):
 
 
 def sensors_of(scenario: Scenario, period: float) -> Sensors:
-    """Return how the hardware of a scenario measures.
-
-    period: Control period [s].
-    """
+    """Return how the hardware of a scenario measures in a control period [s]."""
     r, plant = scenario.imperfections, scenario.plant
     return Sensors(
         noisy=r.noisy,
@@ -150,10 +144,7 @@ def sensors_of(scenario: Scenario, period: float) -> Sensors:
 
 
 def actuators_of(scenario: Scenario, timestep: float, steps: int) -> NDArray[Any]:
-    """Return how the hardware of a scenario acts, shape (k,) of `ACTUATOR`.
-
-    timestep: Physics step [s].
-    """
+    """Return how the hardware of a scenario acts in physics steps [s]."""
     r, inputs = scenario.imperfections, scenario.plant.inputs
     found = np.zeros(len(inputs), ACTUATOR)
     for one, name, limits in zip(found, inputs, scenario.limits.tolist(), strict=True):

@@ -193,12 +193,7 @@ def _enter(at, plan, profile, run, record, k):
 
 @inlined_kernel
 def start(at, plan, profile, run, record, initial_state):
-    """Put the plant at the start of its run.
-
-    record: Takes state, exerted inputs and commands at each instant, shape (N + 1, 2 n + 2 k), or
-        (0, 2 n + 2 k) for no record.
-    initial_state: Shape (2 n,).
-    """
+    """Put the plant at the start; `record` takes (N + 1, 2 n + 2 k) numbers, or none."""
     mj_reset_data(at.model, at.data)
     store(at.timestep, plan.timestep)
     write_state(at, initial_state)
@@ -288,11 +283,7 @@ def _drift(at, profile, run, row, half):
 
 @inlined_kernel
 def advance(at, plan, actuator, profile, run, pending, record):
-    """Continue to the next control tick, or to the end of the run, under ``run.command``.
-
-    NaN among the commands ends the run, and so does one beyond `STATE_LIMIT` that no limit of the
-    drive cuts off.
-    """
+    """Go on to the next control tick, or the end: a command without limit may be the end."""
     first, criterion, marks = run.marks.step, plan.criterion, run.marks
     if not _take(at, plan, actuator, run, record):
         return
@@ -321,7 +312,7 @@ def advance(at, plan, actuator, profile, run, pending, record):
 def run_to_end(
     at, plan, profile, run, pending, record, initial_state, sensors, actuator, kind, inputs
 ):
-    """Run the closed loop with a compiled controller from start to end."""
+    """Run the closed loop with a compiled controller."""
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.marks.status == RUNNING:
@@ -347,10 +338,7 @@ def run_estimating(
     settings,
     estimates,
 ):
-    """Run the cart-pole in closed loop with a controller whose M, l and state are estimated.
-
-    estimates: Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
-    """
+    """Run the cart-pole in closed loop; `estimates` takes M, l of each tick, (T, 2) or (0, 2)."""
     kind, table, masses, lengths = compiled
     start(at, plan, profile, run, record, initial_state)
     tick = 0

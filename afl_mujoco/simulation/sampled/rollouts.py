@@ -56,13 +56,11 @@ class Rollouts:
     requirements: tuple[tuple[Judgement, ...], ...]
 
     def __getattr__(self, name: str) -> NDArray[np.float64]:
-        """Return a figure of every run."""
         if name.startswith("_") or name not in self.figures:
             raise AttributeError(name)
         return self.figures[name]
 
     def __len__(self) -> int:
-        """Return how many runs there were."""
         return len(self.status)
 
     def outcome(self, index: int) -> Outcome:
@@ -181,10 +179,7 @@ def roll_out(
     keep: bool = False,
     caught: tuple[type[AflMujocoError], ...] = (),
 ) -> list[Rollout | AflMujocoError]:
-    """Return the runs of one controller, or the error of one of the types that are caught.
-
-    With `keep` the runs have their trajectories.
-    """
+    """Return runs, with `keep` their trajectories too, or the errors that are caught."""
     require_threads(threads)
     found: list[Any] = [None] * len(scenarios)
     settings: Any = {"timestep": timestep, "control_period": control_period}
@@ -229,7 +224,6 @@ def roll_out(
 
 
 def _figures(plant: Plant, run: RunState, timing: Timing) -> dict[str, float]:
-    """Return the figures of a run."""
     marks, times = run.marks, timing.times
     steps, settled, stopped = (int(marks[name]) for name in ("step", "unsettled", "at_stop"))
     dwelled = settled <= steps and times[steps] - times[settled] >= DWELL - SNAP * timing.timestep

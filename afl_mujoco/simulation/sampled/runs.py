@@ -102,10 +102,7 @@ def timing_of(
 
 
 def fine_enough(ticks: Ticks, rate: float) -> Ticks:
-    """Return ticks whose physics steps are no longer than the fastest decay, or raise.
-
-    rate: `SimulatedModel.decay_rate` [1/s].
-    """
+    """Return ticks whose steps are no longer than the fastest decay [1/s], or raise."""
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
     if finer > MOST_FINER:
@@ -158,11 +155,7 @@ def last_change(scenario: Scenario) -> float:
 
 
 def told_parameters(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return parameters as a controller is told them at some times, late and with an error.
-
-    times: Times of its control ticks [s].
-    Returns ndarray: Shape (N, parameters).
-    """
+    """Return parameters as a controller is told them at times [s], late and wrong."""
     late = scenario.imperfections.parameter_delay
     return scenario.told_values(instants(np.maximum(times - late, -LONG_AGO)))
 
@@ -170,10 +163,7 @@ def told_parameters(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[n
 def input_profile(
     model: SimulatedModel, scenario: Scenario, times: NDArray[np.float64]
 ) -> loop.Profile:
-    """Return what happens to the plant in each step of a grid.
-
-    times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
-    """
+    """Return what happens to the plant in each step of a grid, and after the last."""
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
     rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
@@ -220,7 +210,6 @@ def _joins(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.int64]:
 
 
 def _grid(count: int) -> NDArray[np.float64]:
-    """Return 0, 1, ..., as floats."""
     return np.arange(count, dtype=np.float64)
 
 
