@@ -10,14 +10,16 @@ from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
 from afl_mujoco.loading import import_from, look_in, told_of
-from afl_mujoco.plants.mjcf import Mjcf
 from afl_mujoco.values import Finite, check_fields, require_finite
+
+Floats = NDArray[np.float64]
 
 AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
 
@@ -69,8 +71,7 @@ class Parameter:
             raise InvalidValueError("low", f"must be at most high, {self.high}", self.low)
         if not self.low <= self.value <= self.high:  # type: ignore[operator]
             raise InvalidValueError("value", f"must lie in {self.low} to {self.high}", self.value)
-        known = {"rate": ("frozen", "enters"), "jump": ("velocities", "momenta")}
-        for name, words in known.items():
+        for name, words in (("rate", ("frozen", "enters")), ("jump", ("velocities", "momenta"))):
             if getattr(self, name) not in words:
                 raise UnknownNameError.among(name, getattr(self, name), words)
 
@@ -161,10 +162,7 @@ def ball(*, mass: Any, radius: Any, center: tuple[Any, Any, Any] = (0.0, 0.0, 0.
 
 
 def box(
-    *,
-    mass: Any,
-    lengths: tuple[Any, Any, Any],
-    center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0),
+    *, mass: Any, lengths: tuple[Any, Any, Any], center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)
 ) -> Shape:
     """Return mass, centre and inertia of a uniform box.
 
@@ -189,9 +187,8 @@ def box(
     (13.0, 10.0, 5.0)
     """
     a, b, c = (length**2 for length in lengths)
-    return Shape(
-        mass, center, (mass * (b + c) / 12.0, mass * (a + c) / 12.0, mass * (a + b) / 12.0)
-    )
+    x, y, z = (mass * squares / 12.0 for squares in (b + c, a + c, a + b))
+    return Shape(mass, center, (x, y, z))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -292,8 +289,7 @@ class Plant:
                 if not name.isidentifier():
                     raise InvalidValueError(thing, "must be names as Python has them", repr(name))
         self._require_kinds()
-        self._take_numbers("upright", len(self.coordinates))
-        self._take_numbers("start", 2 * len(self.coordinates))
+        self._take_numbers()
         self._refuse_doubles()
 
     def __reduce__(self) -> Any:
@@ -323,13 +319,13 @@ class Plant:
         if {"terms", "accelerations"} <= given.keys():
             raise InvalidValueError("plant", "must have accelerations or terms, not both")
 
-    def _take_numbers(self, thing: str, count: int) -> None:
-        if (given := getattr(self, thing)) is None:
-            return
-        numbers = tuple(require_finite(thing, x) for x in given)
-        if len(numbers) != count:
-            raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
-        object.__setattr__(self, thing, numbers)
+    def _take_numbers(self) -> None:
+        for thing, count in (("upright", len(self.coordinates)), ("start", len(self.states))):
+            if (given := getattr(self, thing)) is not None:
+                numbers = tuple(require_finite(thing, x) for x in given)
+                if len(numbers) != count:
+                    raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
+                object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
         owner: dict[str, str] = {}
@@ -344,8 +340,7 @@ class Plant:
                 owner[name] = kind
 
     def __repr__(self) -> str:
-        names = ("coordinates", "inputs", "parameters")
-        given = (f"{name}={tuple(getattr(self, name))}" for name in names)
+        given = [f"{x}={tuple(getattr(self, x))}" for x in ("coordinates", "inputs", "parameters")]
         return f"Plant(name={self.name!r}, {', '.join(given)})"
 
     @cached_property
@@ -377,7 +372,7 @@ class Plant:
     @cached_property
     def units(self) -> Mapping[str, str]:
         """The units of states, inputs and parameters by name, as far as the MJCF says them."""
-        there = Mjcf(self.model)
+        there = _Mjcf(self.model)
         slides = {name: one.get("type") == "slide" for name, one in there.joints.items()}
         lengths = {name: "m" if slides.get(name) else "rad" for name in self.coordinates}
         rates = {f"{name}_dot": f"{unit}/s" for name, unit in lengths.items()}
@@ -389,14 +384,63 @@ class Plant:
     @cached_property
     def limits(self) -> NDArray[np.float64]:
         """The limits of the inputs that the MJCF gives them (ctrlrange), shape (inputs, 2)."""
-        motors = Mjcf(self.model).motors
-        found = np.tile([-np.inf, np.inf], (len(self.inputs), 1))
-        for i, name in enumerate(self.inputs):
-            one = motors.get(name, {})
+        motors, found = _Mjcf(self.model).motors, np.tile([-np.inf, np.inf], (len(self.inputs), 1))
+        for i, one in enumerate(motors.get(name, {}) for name in self.inputs):
             given = one.get("ctrlrange", "").split()
             if len(given) == 2 and one.get("ctrllimited", "auto") != "false":
                 found[i] = [float(x) for x in given]
         return found
+
+
+class _Mjcf:
+    """The attributes of the joints and of the actuators of an MJCF by name, defaults included.
+
+    What cannot be read has none: whatever is wrong is said where the model is compiled.
+    """
+
+    def __init__(self, model: str | Path) -> None:
+        self.joints: dict[str, dict[str, str]] = {}
+        self.motors: dict[str, dict[str, str]] = {}
+        self._defaults: dict[tuple[str, str], dict[str, str]] = {}
+        try:
+            text = model.read_text("utf-8") if isinstance(model, Path) else model
+            root = ElementTree.fromstring(text)
+            if isinstance(model, Path):
+                for place in [*root.iter()]:
+                    for one in place.findall("include"):
+                        place.extend(
+                            ElementTree.parse(model.parent / one.get("file", "")).getroot()
+                        )
+        except (OSError, ValueError, ElementTree.ParseError):
+            return
+        for one in root.findall("default"):
+            self._learn(one, "main")
+        for one in root.findall("worldbody"):
+            self._visit(one, "main")
+        for one in root.findall("actuator/*"):
+            general = self._whole(one, "main", "general")
+            self.motors[one.get("name", "")] = {**general, **self._whole(one, "main", one.tag)}
+
+    def _learn(self, element: ElementTree.Element, above: str) -> None:
+        name = element.get("class", "main")
+        inherited = {tag for at, tag in self._defaults if at == above}
+        for tag in {one.tag for one in element} | inherited:
+            own = element.find(tag)
+            given = {} if own is None else own.attrib
+            self._defaults[name, tag] = {**self._defaults.get((above, tag), {}), **given}
+        for one in element.findall("default"):
+            self._learn(one, name)
+
+    def _whole(self, element: ElementTree.Element, inherited: str, tag: str) -> dict[str, str]:
+        at = element.get("class", inherited)
+        return {**self._defaults.get((at, tag), {}), **element.attrib}
+
+    def _visit(self, element: ElementTree.Element, inherited: str) -> None:
+        inherited = element.get("childclass", inherited)
+        for joint in element.findall("joint"):
+            self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")
+        for inner in (*element.findall("body"), *element.findall("frame")):
+            self._visit(inner, inherited)
 
 
 def _names(thing: str, given: Any) -> tuple[str, ...]:

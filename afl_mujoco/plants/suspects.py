@@ -16,14 +16,11 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants.equations import Equations, Points, split
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.tree import Terms, Tree, terms_of
-
-Floats = NDArray[np.float64]
 
 Suspect = tuple[Callable[[float], str], Floats]
 """Words for the share that explains the difference, empty for none; what all of it would leave."""

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import jitable, kernel
+from afl_mujoco.plants.plant import Floats
 
-Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 

@@ -25,10 +25,8 @@ from afl_mujoco.plants.features import (
     require_describable,
 )
 from afl_mujoco.plants.library import mujoco
-from afl_mujoco.plants.plant import Plant, Shape
+from afl_mujoco.plants.plant import Floats, Plant, Shape
 from afl_mujoco.values import require_finite
-
-Floats = NDArray[np.float64]
 
 FIELDS = {
     "body mass": ("body_mass", 1), "body ipos": ("body_ipos", 3), "body pos": ("body_pos", 3),
@@ -84,18 +82,14 @@ class PlantModel:
     """
 
     def __init__(
-        self,
-        plant: Plant,
-        *,
-        compared: bool = False,
-        alter: Callable[[Any], None] | None = None,
+        self, plant: Plant, *, compared: bool = False, alter: Callable[[Any], None] | None = None
     ) -> None:
         self.plant = plant
         self.details: dict[str, float] = dict(plant.details)
         self._spec = spec = _read(plant)
         self._require_names()
-        self.targets, values = self._targets(self._written(self._named(plant.nominal)))
-        self.last = np.array(values)
+        values = self._first(self._written(plant.nominal))
+        self.targets, self.last = [*values], np.array([*values.values()])
         require_compiler(spec)
         self._freeze_inertias()
         self.require(self.last[None])
@@ -113,9 +107,8 @@ class PlantModel:
         self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
         self._require_kept()
         self._require_parameters_used()
-        self.drift(
-            plant.nominal[None], plant.entering[None].astype(np.float64)
-        )  # raises for a mass
+        # raises for a mass
+        self.drift(plant.nominal[None], plant.entering[None].astype(np.float64))
 
     @cached_property
     def _compared(self) -> dict[str, list[str]]:
@@ -124,11 +117,6 @@ class PlantModel:
             place: [x for x in dir(holder) if x[0] != "_" and _is_numbers(getattr(holder, x))]
             for place, holder in (("model", self.mj_model), ("opt", self.mj_model.opt))
         }
-
-    def _named(self, values: Floats) -> Any:
-        p = self.plant.named(values)
-        vars(p).update(self.details)
-        return p
 
     def _require_names(self) -> None:
         """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
@@ -159,9 +147,12 @@ class PlantModel:
             if not np.array_equal(self.plant.limits[i], own if limited else (-np.inf, np.inf)):
                 raise InvalidValueError(f"actuator {name!r}", rule.format("ctrlrange"))
 
-    def _written(self, p: Any) -> Mapping[str, Any]:
+    def _written(self, values: Floats) -> Mapping[str, Any]:
+        """Return what ``write`` returns for parameters, and the details of the plant."""
         if self.plant.write is None:
             return {}
+        p = self.plant.named(values)
+        vars(p).update(self.details)
         given = dict(vars(p))
         with told_of("write", given=p):
             found = self.plant.write(p)
@@ -171,14 +162,14 @@ class PlantModel:
             raise InvalidValueError("write", "must not change p, but does")
         return found
 
-    def _targets(self, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
+    def _first(self, found: Mapping[str, Any]) -> dict[Target, float]:
         values: dict[Target, float] = {}
         for target, value in self._numbers(found):
             if target in values:
                 raise InvalidValueError(f"write: {target}", "must be written once, but is twice")
             _holder(self._spec, target)  # raises if there is none
             values[target] = require_finite(f"write: {target}", value)
-        return [*values], [*values.values()]
+        return values
 
     def _numbers(self, found: Mapping[str, Any]) -> Iterator[tuple[Target, Any]]:
         for key, value in found.items():
@@ -251,22 +242,22 @@ class PlantModel:
         if not self.targets:
             return np.empty((len(table), 0))
         if len(table) == 1:
-            return self._row(self._named(table[0]), 1)
+            return self._row(table[0])
         try:
-            fast = self._row(self._named(table), len(table))
+            fast = self._row(table)
         except AflMujocoError:
             fast = None  # a write that knows no arrays
         seen = sorted({0, len(table) // 2, len(table) - 1})
-        slow = np.array([self._row(self._named(table[i]), 1)[0] for i in seen])
+        slow = np.array([self._row(table[i])[0] for i in seen])
         if fast is not None and np.allclose(fast[seen], slow, rtol=SAME, atol=0.0):
             return fast
-        return np.array([self._row(self._named(row), 1)[0] for row in table])
+        return np.array([self._row(row)[0] for row in table])
 
-    def _row(self, p: Any, count: int) -> Floats:
-        numbers = dict(self._numbers(self._written(p)))
+    def _row(self, values: Floats) -> Floats:
+        numbers = dict(self._numbers(self._written(values)))
         if others := numbers.keys() ^ set(self.targets):
             raise InvalidValueError(f"write: {min(others)}", "must be written for every p")
-        columns = np.empty((len(self.targets), count))
+        columns = np.empty((len(self.targets), 1 if values.ndim == 1 else len(values)))
         for target, column in zip(self.targets, columns, strict=True):
             try:
                 column[:] = np.asarray(numbers[target], float)

@@ -8,10 +8,10 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_HALF_SIZE
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, shown
 
@@ -87,7 +87,7 @@ def add_geom(
     size: Sequence[float],
     position: Sequence[float],
     colour: Colour,
-    rotation: NDArray[np.float64] | None = None,
+    rotation: Floats | None = None,
 ) -> mujoco.MjvGeom:
     """Add a geom that is drawn and belongs to no model."""
     if scene.ngeom >= scene.maxgeom:

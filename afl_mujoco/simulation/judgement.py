@@ -13,17 +13,13 @@ from numpy.typing import NDArray
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import (
-    COMPLETED,
-    Outcome,
-    Trajectory,
-)
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
 
 DWELL = 1.0
 """How long a run must stay settled, up to its end, to count as settled [s]."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """One requirement, and how a run meets it."""
 
@@ -81,16 +77,11 @@ def judge_ending(
     required, completed = scenario.required, outcome.kind == COMPLETED
     found = []
     if "completes" in required:
-        reached = scenario.duration if completed else outcome.time
-        left = (reached - scenario.duration) / scenario.duration
-        found.append(
-            Judgement(
-                requirement="completes",
-                limit=scenario.duration,
-                value=reached,
-                margin=left if completed or left < 0.0 else None,  # it may fall at the very end
-            )
-        )
+        duration = scenario.duration
+        reached = duration if completed else outcome.time
+        left = (reached - duration) / duration
+        margin = left if completed or left < 0.0 else None  # it may fall at the very end
+        found.append(Judgement("completes", duration, reached, margin))
     if "end_stops" in required:
         stops = scenario.imperfections.end_stops
         of = dict(zip(scenario.plant.coordinates, peaks, strict=False))
@@ -102,10 +93,7 @@ def judge_ending(
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
     """Judge a run whose controller failed: it misses every requirement, and completing."""
     limits = {"completes": scenario.duration, **scenario.required}
-    return tuple(
-        Judgement(requirement=name, limit=limit, value=None, margin=None)
-        for name, limit in limits.items()
-    )
+    return tuple(Judgement(name, limit, None, None) for name, limit in limits.items())
 
 
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
@@ -151,25 +139,17 @@ def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
     """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
     if value is None or (not completed and value <= limit):
-        return Judgement(requirement=name, limit=limit, value=value, margin=None)
-    return Judgement(requirement=name, limit=limit, value=value, margin=(limit - value) / limit)
+        return Judgement(name, limit, value, None)
+    return Judgement(name, limit, value, (limit - value) / limit)
 
 
 def _least(name: str, limit: float, value: float, completed: bool) -> Judgement:
     """Judge the least value of a signal; a run cut short can only break the limit."""
-    if not completed and value >= limit:
-        return Judgement(requirement=name, limit=limit, value=value, margin=None)
-    share = (value - limit) / (abs(limit) or 1.0)
-    return Judgement(requirement=name, limit=limit, value=value, margin=share)
+    unknown = not completed and value >= limit
+    return Judgement(name, limit, value, None if unknown else (value - limit) / (abs(limit) or 1.0))
 
 
-def _rest(
-    name: str,
-    limit: float,
-    run: Trajectory,
-    outside: NDArray[np.bool_],
-    windows: list[tuple[float, float]],
-) -> Judgement:
+def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) -> Judgement:
     """Judge the longest time, over some windows, until the state stays within its bands."""
     time, slowest, ever = run.time, 0.0, True
     for begin, end in windows:
@@ -180,10 +160,7 @@ def _rest(
             rest = time[following] if following < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
         slowest, ever = max(slowest, lasted), ever and bool(rest < end)
-    return Judgement(
-        requirement=name,
-        limit=limit,
-        value=slowest if ever else None,
-        margin=(limit - slowest) / limit if ever else None,
-        graded=None if ever else (limit - slowest) / limit,
-    )
+    margin = (limit - slowest) / limit
+    if ever:
+        return Judgement(name, limit, slowest, margin)
+    return Judgement(name, limit, None, None, graded=margin)

@@ -9,16 +9,14 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from afl_mujoco.plants.library import write_row
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
 from afl_mujoco.simulation.remarks import SAID
-
-Floats = NDArray[np.float64]
 
 FPS, MOST_NUMBERS = 30, 400_000
 """Frames per second, fewer where the poses of a scenario would be more numbers than this."""
@@ -104,11 +102,9 @@ def corners(m: mujoco.MjModel, d: mujoco.MjData, geoms: Sequence[int]) -> Floats
     found = []
     for one in geoms:
         shape, size, middle = shape_of(m, one)
-        half = {
-            "sphere": size[[0, 0, 0]],
-            "capsule": np.array([size[0], size[0], size[0] + size[1]]),
-            "cylinder": size[[0, 0, 1]],
-        }.get(shape, size)
+        wide, long = size[0], size[1]
+        halves = {"sphere": (wide, wide, wide), "capsule": (wide, wide, wide + long)}
+        half = np.array((halves | {"cylinder": (wide, wide, long)}).get(shape, size))
         turn = d.geom_xmat[one].reshape(3, 3)
         found.append(d.geom_xpos[one] + (middle + half * CORNERS) @ turn.T)
     return np.concatenate([np.empty((0, 3)), *found])
@@ -161,7 +157,8 @@ def replay_data(
     m, geoms = model.mj_model, drawn_geoms(model.mj_model)
     numbers = 9 * max(1, len(geoms)) * len(runs) * scenario.duration
     fps = min(FPS, MOST_NUMBERS / numbers)
-    times = {name: _frames(float(time[-1]), fps) for name, (time, _) in runs.items()}
+    ends = {name: float(time[-1]) for name, (time, _) in runs.items()}  # the last instants
+    times = {name: np.append(np.arange(0.0, end, 1.0 / fps), end) for name, end in ends.items()}
     found = {
         name: poses(model, geoms, scenario.values(at), _between(*runs[name], at))
         for name, at in times.items()
@@ -176,13 +173,13 @@ def replay_data(
         for x in [np.array(x["at"]) - axes[:2] @ aims[0][0] for x in lines]:
             if (x > low - own).all() and (x < high + own).all():
                 low, high = np.minimum(low, x), np.maximum(high, x)
-    shades = colours(runs)
+    shades, sizes = colours(runs), found[longest].sizes
     return {
         "fps": fps,
         "duration": scenario.duration,
         "shapes": [shape_of(m, one)[0] for one in geoms],
         "moves": [bool(m.body_weldid[m.geom_bodyid[one]]) for one in geoms],
-        "sizes": encode(_unless_constant(found[longest].sizes)),
+        "sizes": encode(sizes if np.ptp(sizes, axis=0).any() else sizes[:1]),
         "view": (ROOM * np.maximum(high - low, 0.2 * own)).tolist(),
         "lines": lines,
         "changes": [
@@ -208,21 +205,10 @@ def replay_data(
     }
 
 
-def _frames(end: float, fps: float) -> Floats:
-    """Return the instants of the frames [s], the last where the run ended."""
-    times = np.arange(0.0, end, 1.0 / fps)
-    return np.append(times, end) if end > 0.0 else np.zeros(1)
-
-
 def _between(time: Floats, states: Floats, times: Floats) -> Floats:
     """Return the states at some times, interpolated linearly, shape (N, 2 n)."""
     known = np.isfinite(states).all(axis=1)
     return np.column_stack([np.interp(times, time[known], x) for x in states[known].T])
-
-
-def _unless_constant(sizes: Floats) -> Floats:
-    """Return the sizes of geoms in each frame, or in the first if they do not change."""
-    return sizes if np.ptp(sizes, axis=0).any() else sizes[:1]
 
 
 def _changing(scenario: Scenario, times: Floats) -> list[tuple[str, str, Floats]]:
@@ -235,7 +221,7 @@ def _changing(scenario: Scenario, times: Floats) -> list[tuple[str, str, Floats]
 def _lines(
     scenario: Scenario, model: SimulatedModel, geoms: Sequence[int], axes: Floats
 ) -> list[dict[str, Any]]:
-    """Return rail, end stops and required limits of slides fixed in the world, as lines."""
+    """Return rails, end stops and required limits of slides fixed in the world, as lines."""
     m, d, plant = model.mj_model, model.mj_data, scenario.plant
     asked, stops, found = scenario.requirements, scenario.imperfections.end_stops, []
     for k, name in enumerate(plant.coordinates):
@@ -251,17 +237,13 @@ def _lines(
         own = [one for one in geoms if m.geom_bodyid[one] == body]
         if own and m.body_jntnum[body] == 1:
             foot = float(((corners(m, d, own) @ axes[:2].T - at) @ across).min())
-            found.append(_line("", at + foot * across, along))
+            found.append(("", at + foot * across, along))
         stop, most, target = stops.get(name), asked.max.get(name), scenario.target[k]
         places = [] if stop is None else [("end stop", -stop), ("end stop", stop)]
         places += [] if most is None else [("limit", target - most), ("limit", target + most)]
         places += [("limit", asked.min[name])] if name in asked.min else []
-        found += [_line(words, at + place * along, across) for words, place in places]
-    return found
-
-
-def _line(words: str, at: Floats, along: Floats) -> dict[str, Any]:
-    return {"words": words, "at": at.tolist(), "along": along.tolist()}
+        found += [(words, at + place * along, across) for words, place in places]
+    return [{"words": words, "at": x.tolist(), "along": y.tolist()} for words, x, y in found]
 
 
 def encode(values: Floats) -> str:

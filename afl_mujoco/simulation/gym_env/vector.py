@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import kernel, pointer
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.library import mj_forward, mj_reset_data, write_row
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.pool import require_threads
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
@@ -72,13 +73,13 @@ class Many(NamedTuple):
     episodes: NDArray[np.int64]
     instants: NDArray[np.int64]
     # the state, its measurement, the parameters as they are shown, and the inputs that acted
-    truth: NDArray[np.float64]
-    seen: NDArray[np.float64]
-    told: NDArray[np.float64]
-    forces: NDArray[np.float64]
+    truth: Floats
+    seen: Floats
+    told: Floats
+    forces: Floats
 
 
-def _arrays(e: Episode, shown: NDArray[np.float64], pending: NDArray[np.float64]) -> list[Any]:
+def _arrays(e: Episode, shown: Floats, pending: Floats) -> list[Any]:
     """Return the arrays of an episode in the order in which compiled code takes their addresses."""
     return [*e.profile, e.rows, e.which, shown, pending]
 
@@ -216,7 +217,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> tuple[Floats, dict[str, Any]]:
         """Start an episode in every environment."""
         count = range(self.num_envs)
         if seed is None or isinstance(seed, int):
@@ -240,13 +241,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def step(
         self, actions: ArrayLike
-    ) -> tuple[
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
+    ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Hold an action, shares of the inputs' limits, in every environment."""
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
@@ -315,7 +310,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         many.truth[i] = start
         _step(np.array([i]), True, self._hold, self._timestep, many, many.forces)
 
-    def _observations(self) -> NDArray[np.float64]:
+    def _observations(self) -> Floats:
         told = [self._many.told] if self._first.parameters == OBSERVED else []
         return observed(np.concatenate([self._many.seen, *told], axis=1), self.scale)
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import inlined_kernel, jitable, kernel
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
 from afl_mujoco.simulation.mujoco_model import read_state
@@ -105,22 +106,22 @@ class RunState(NamedTuple):
 
     marks: Any  # how far it is, a record of `MARKS`
     drive: NDArray[Any]  # the state of each drive, shape (k,) of `DRIVE`
-    command: NDArray[np.float64]  # what is commanded, shape (k,) [N]
-    measured: NDArray[np.float64]  # the last measurement, shape (2 n,)
-    seen: NDArray[np.float64]  # positions and filtered rates of the last tick, shape (2 n,)
-    before: NDArray[np.float64]  # the state before and after a step, shape (2 n,)
-    after: NDArray[np.float64]
-    peak: NDArray[np.float64]  # largest deviations of the coordinates so far, shape (n,)
-    iae: NDArray[np.float64]  # integrals of their magnitudes, shape (n,)
-    space: NDArray[np.float64]  # work space, shape (k + 5 n,)
+    command: Floats  # what is commanded, shape (k,) [N]
+    measured: Floats  # the last measurement, shape (2 n,)
+    seen: Floats  # positions and filtered rates of the last tick, shape (2 n,)
+    before: Floats  # the state before and after a step, shape (2 n,)
+    after: Floats
+    peak: Floats  # largest deviations of the coordinates so far, shape (n,)
+    iae: Floats  # integrals of their magnitudes, shape (n,)
+    space: Floats  # work space, shape (k + 5 n,)
 
 
 class Sensors(NamedTuple):
     """How the state is measured."""
 
     noisy: bool  # whether any noise is added
-    noise: NDArray[np.float64]  # standard deviations, shape (2 n,)
-    step: NDArray[np.float64]  # resolutions of the coordinates, shape (n,)
+    noise: Floats  # standard deviations, shape (2 n,)
+    step: Floats  # resolutions of the coordinates, shape (n,)
     differentiated: bool  # whether velocities are differences of positions
     period: float  # control period [s]
     # share of the gap to the measured velocity that the filtered velocity closes in a period, 1
@@ -176,7 +177,7 @@ def new_run(n: int = 2, k: int = 1) -> RunState:
     )
 
 
-def no_commands(actuators: NDArray[Any]) -> NDArray[np.float64]:
+def no_commands(actuators: NDArray[Any]) -> Floats:
     """Return a buffer, all zero, for the commands [N] that the transport delays can hold."""
     return np.zeros((int(actuators["late"].max(initial=0)) + 2, len(actuators)))
 
