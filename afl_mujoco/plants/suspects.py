@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any
 
@@ -25,8 +25,8 @@ from afl_mujoco.plants.tree import Terms, Tree, terms_of
 Suspect = tuple[Callable[[float], str], Floats]
 """Words for the share that explains the difference, empty for none; what all of it would leave."""
 
-Part = tuple[str, Mapping[str, Floats]]
-"""A term: its name, and what it is in M, h or B."""
+Part = tuple[str, str, Floats]
+"""A term: its name, whether it is in mass, bias or inputs, and itself."""
 
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
@@ -141,7 +141,10 @@ class Search:
         ):
             yield from _explained(say, self.start, left)
         yield from self.stale()
-        for say, left in itertools.chain(self.single_terms(), self.factors()):
+        single: Iterator[Suspect] = (
+            (partial(_share, name), self.added(field, term)) for name, field, term in self.rows
+        )
+        for say, left in itertools.chain(single, self.factors()):
             yield from _explained(say, self.start, left)
         if not self.plant.terms:
             yield from self.single_accelerations()
@@ -208,11 +211,10 @@ class Search:
         return self.residual(np.hstack([x.reshape(len(x), -1) for x in parts]))
 
     @cached_property
-    def rows(self) -> list[tuple[str, str, Floats]]:
+    def rows(self) -> list[Part]:
         """Terms in all equations and in that of one coordinate: name, where it is, itself."""
         found = []
-        for name, part in self.parts():
-            ((field, whole),) = part.items()
+        for name, field, whole in self.parts():
             found.append((f"the term {name}", field, whole))
             if field == "bias":
                 found += [
@@ -402,7 +404,7 @@ class Search:
         for (i, name), k in itertools.product(
             enumerate(self.plant.coordinates), range(len(inputs))
         ):
-            yield f"input {inputs[k]} on {name}", {"inputs": _only(b_, (slice(None), i, k))}
+            yield f"input {inputs[k]} on {name}", "inputs", _only(b_, (slice(None), i, k))
 
     def parts_of(self, who: str, trees: Sequence[Tree]) -> Iterator[Part]:
         """Yield gravity, velocity terms by pairs of rates, and entries of the mass matrix."""
@@ -413,24 +415,24 @@ class Search:
             unit = np.isin(np.arange(n), which).astype(float)
             return self.terms_of(tree, np.tile(unit, (count, 1))).bias
 
-        yield f"gravity{who}", {"bias": at_rates(trees)}
+        yield f"gravity{who}", "bias", at_rates(trees)
         alone = [at_rates(light, j) for j in range(n)]
         for j in range(n):
-            yield f"{names[j]}_dot^2{who}", {"bias": alone[j] * v[:, [j]] ** 2}
+            yield f"{names[j]}_dot^2{who}", "bias", alone[j] * v[:, [j]] ** 2
         for i, j in itertools.combinations(range(n), 2):
             mixed = (at_rates(light, i, j) - alone[i] - alone[j]) * v[:, [i]] * v[:, [j]]
-            yield f"{names[i]}_dot {names[j]}_dot{who}", {"bias": mixed}
+            yield f"{names[i]}_dot {names[j]}_dot{who}", "bias", mixed
         whole, gain = self.terms_of(light).bias, self.gain(light)
-        yield f"all velocity terms{who}", {"bias": whole}
-        yield f"M' v{who}", {"bias": gain}
-        yield f"1/2 v (dM/dq) v{who}", {"bias": whole - gain}
+        yield f"all velocity terms{who}", "bias", whole
+        yield f"M' v{who}", "bias", gain
+        yield f"1/2 v (dM/dq) v{who}", "bias", whole - gain
         mass = self.terms_of(trees).mass
         for i, j in itertools.product(range(n), repeat=2):
             entry = _only(mass, (slice(None), i, j))
             name = f"mass matrix {names[i]} {names[j]}{who}"
-            yield name, {"mass": entry}
+            yield name, "mass", entry
             if i < j:
-                yield f"{name}, twice there", {"mass": entry + np.swapaxes(entry, 1, 2)}
+                yield f"{name}, twice there", "mass", entry + np.swapaxes(entry, 1, 2)
 
     def gain(self, trees: Sequence[Tree]) -> Floats:
         """Return M' v, by differences."""
@@ -440,11 +442,9 @@ class Search:
         found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
         return found
 
-    def single_terms(self) -> Iterator[Suspect]:
-        """Yield a share of one term."""
-        for name, field, term in self.rows:
-            changed = {field: getattr(self.terms, field) + term}
-            yield partial(_share, name), self.residual(**changed)
+    def added(self, field: str, term: Floats) -> Floats:
+        """Return what is left if the tree had one term more."""
+        return self.residual(**{field: getattr(self.terms, field) + term})
 
     def factors(self) -> Iterator[Suspect]:
         """Yield one term that has a parameter as a factor once too often, or too seldom."""
@@ -454,9 +454,8 @@ class Search:
         ):
             p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
             for power, words in powers.items():
-                changed = {field: getattr(self.terms, field) + (p**power - 1.0) * term}
                 said = f"{name} {words.format(parameter)} the equations"
-                yield partial(_whole, said), self.residual(**changed)
+                yield partial(_whole, said), self.added(field, (p**power - 1.0) * term)
 
     def single_accelerations(self) -> Iterator[str]:
         """Yield one term of one acceleration, the others being right."""
@@ -476,8 +475,7 @@ class Search:
         name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]
         say = partial(_share, f"the acceleration of {name}")
         yield from _explained(say, start, start - right[:, i])
-        for term, part in self.parts():
-            ((field, x),) = part.items()
+        for term, field, x in self.parts():
             force = {"mass": lambda x: x @ right[..., None], "inputs": lambda x: -x @ u}
             pieces = inverse * (force[field](x)[..., 0] if field in force else x)
             say = partial(_share, f"the term {term} in the acceleration of {name}")

@@ -154,10 +154,7 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
 
 @jitable
 def _move_origin(tree, place, motion, velocity, acceleration, energy):
-    """Put the origin between the bodies: moments about one far away cancel to rounding.
-
-    A linear part at c is that at 0 plus w x c. The weight counts from the world's origin.
-    """
+    """Put the origin between the bodies: moments about one far away cancel to rounding."""
     middle, bodies = np.zeros(3), len(place)
     for b in range(1, bodies):
         _add(1.0 / (bodies - 1), place[b], middle)

@@ -75,11 +75,7 @@ DRIFTS = {"body_pos": 0, "body_ipos": 2, "body_inertia": 4}
 
 
 class PlantModel:
-    """A plant's MuJoCo model, its parameters at their nominal values until others are written.
-
-    compared: Without what the comparison with equations leaves out.
-    alter: Changes the description before it is compiled: its options, or what it has.
-    """
+    """A plant's MuJoCo model, at first nominal; `compared` as equations can describe it."""
 
     def __init__(
         self, plant: Plant, *, compared: bool = False, alter: Callable[[Any], None] | None = None

@@ -46,10 +46,7 @@ _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 
 
 def drawn_model(scenario: Scenario, **settings: Any) -> SimulatedModel:
-    """Return the model of a scenario's plant as it is drawn, and as `SimulatedModel` takes it.
-
-    The cart-pole is in its scene; any other plant is what its MJCF says, and lit.
-    """
+    """Return the model of a plant as it is drawn: the cart-pole in its scene, others lit."""
     if scenario.is_cart_pole:
         return SimulatedModel(shown(scenario.plant, "scene.xml"), **settings)
     return SimulatedModel(scenario.plant, edit=_lit, **settings)
@@ -108,13 +105,11 @@ def add_marks(scene: mujoco.MjvScene, places: Sequence[float], *, numbered: bool
     for x in places:
         long = round(x / BAR) % 2 == 0
         depth = 0.10 if long else 0.05
-        geom = add_geom(
-            scene,
-            mujoco.mjtGeom.mjGEOM_BOX,
+        size, place = (
             (0.012 if long else 0.008, depth, 0.004),
             (x, BED_FRONT + depth, BED_TOP + 0.004),
-            MARK,
         )
+        geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_BOX, size, place, MARK)
         if numbered and long:
             geom.label = f"{x:g} m"
 
@@ -138,32 +133,14 @@ def add_forces(
     scene: mujoco.MjvScene, z: float, cart_mass: float, force: float, push: float
 ) -> None:
     """Draw the forces on the cart [N]: the actuator pulls it, the disturbance pushes it."""
-    half = cart_size(cart_mass)[0]
-    _add_arrow(scene, z, force, FORCE, half, _FORCE_LINE, pulls=True)
-    _add_arrow(scene, z, push, PUSH, half, _PUSH_LINE, pulls=False)
-
-
-def _add_arrow(
-    scene: mujoco.MjvScene,
-    z: float,
-    force: float,
-    colour: Colour,
-    cart: float,
-    height: float,
-    *,
-    pulls: bool,
-) -> None:
-    """Draw a force along the rail: a pull starts at the cart, a push ends there."""
-    length = ARROW_SCALE * float(np.sqrt(abs(force)))
-    if length < 0.03:
-        return
-    sign = float(np.sign(force))
-    start = z + sign * cart if pulls else z - sign * (cart + length)
-    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_ARROW, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), colour)
-    mujoco.mjv_connector(
-        geom,
-        mujoco.mjtGeom.mjGEOM_ARROW,
-        0.03,
-        np.array([start, 0.0, height]),
-        np.array([start + 2.0 * sign * length, 0.0, height]),  # MuJoCo draws it half as long
-    )
+    half, arrow = cart_size(cart_mass)[0], mujoco.mjtGeom.mjGEOM_ARROW
+    for newtons, colour, height in ((force, FORCE, _FORCE_LINE), (push, PUSH, _PUSH_LINE)):
+        length, sign = ARROW_SCALE * float(np.sqrt(abs(newtons))), float(np.sign(newtons))
+        if length < 0.03:
+            continue
+        # a pull starts at the cart, a push ends there
+        start = z + sign * half if colour == FORCE else z - sign * (half + length)
+        end = start + 2.0 * sign * length  # MuJoCo draws it half as long
+        geom = add_geom(scene, arrow, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), colour)
+        places = (np.array([x, 0.0, height]) for x in (start, end))
+        mujoco.mjv_connector(geom, arrow, 0.03, *places)

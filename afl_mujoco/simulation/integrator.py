@@ -214,16 +214,10 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 
 @jitable
 def solve(rates, arguments, limits, start, end, state, times, options, work, found):
-    """Integrate over a segment; return the number of times reached, and when and how it ended.
+    """Integrate over a segment, overwriting `state`, with states at `times` into `found`.
 
-    limits: The `Criterion` by which the run ends.
-    start, end: The segment [s].
-    state: State at the start; overwritten by the state at the end.
-    times: Times at which to report the state [s], increasing, within the segment, shape (N,).
-    options: ``(rtol, atol, longest step [s])``.
-    found: Takes the states at the times, shape (N, states).
-    Returns tuple: How many of the times were reached, the time of the end [s], and `REACHED`,
-        `STOPPED` or `STUCK`.
+    Options are ``(rtol, atol, longest step [s])``. Return how many of the times were reached, the
+    time of the end [s], and `REACHED`, `STOPPED` or `STUCK`.
     """
     rtol, atol, longest = options
     slopes, fitted, after, point = work[:ROWS], work[ROWS : ROWS + 7], work[ROWS + 7], work[-1]
@@ -346,13 +340,10 @@ def integrate(
     nodes: Mapping[str, Floats] = NO_NODES,
     quadratures: int = 0,
 ) -> tuple[Floats, Outcome]:
-    """Integrate a scenario from breakpoint to breakpoint, and from node to node of the gains.
+    """Return states at `times` [s] that a run reached, and its end, from breakpoint to breakpoint.
 
-    Error control does not see all of the error of a step across a kink: none steps across one.
-
-    times: Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
-    nodes: Values of parameters, by name, at which the right-hand side is not smooth.
-    Returns ndarray: The state at the times that the run reached, shape (K, 2 n + quadratures).
+    Error control does not see all of the error of a step across a kink: none steps across one, or
+    across `nodes`, values of parameters at which the right-hand side is not smooth.
     """
     state = np.array([*scenario.initial_state, *[0.0] * quadratures])
     criterion, starts = criterion_of(scenario), {one.start for one in scenario.segments}

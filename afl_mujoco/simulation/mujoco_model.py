@@ -160,10 +160,8 @@ def rate_forces(at, drift, state, kick, out):
 
     Each body needs a force m r'' beside that of a plant whose parameters stay, for what its centre
     moves in its own frame and its frame in that of each body that carries it, 2 w x u + R d'', and
-    a torque I' w; -J' of these is what acts. They are computed by MuJoCo's own kinematics.
-
-    drift: What `PlantModel.drift` returns, flat, shape (bodies * 15,).
-    kick: Whether it is of a jump of the rates, which is an impulse of d''; the state is at rest.
+    a torque I' w; -J' of these is what acts, by MuJoCo's own kinematics. With `kick` it is of a
+    jump of the rates, an impulse of d''; the state is at rest.
     """
     write_state(at, state)
     jump = 3 if kick else 0

@@ -48,9 +48,8 @@ try:
     from dm_control.mujoco import Physics as DmPhysics
     from dm_control.mujoco import wrapper
 except ModuleNotFoundError as error:  # beyond Python 3.12 pip cannot install it with the rest
-    raise MissingPackageError(
-        str(error.name), "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
-    ) from None
+    rule = "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
+    raise MissingPackageError(str(error.name), rule) from None
 
 _FOREVER = 2**62
 """More steps than any run has: the environment ends an episode, not the loop."""

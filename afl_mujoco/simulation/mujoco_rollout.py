@@ -312,14 +312,9 @@ def _carried(
     return before - after
 
 
-def _at_rest_forces(model: SimulatedModel, state: Floats) -> None:
-    at = model.addresses
-    forward(at, state, np.zeros(at.k), np.zeros(at.n), np.empty(at.n))
-
-
 def momenta(model: SimulatedModel, state: Floats) -> Floats:
     """Return the generalised momenta, MuJoCo's mass matrix times the velocities, shape (n,)."""
-    _at_rest_forces(model, state)
+    model.accelerations(state)  # lets MuJoCo compute everything there, without any input
     n = model.addresses.n
     result = np.empty(n)
     mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[n : 2 * n])
@@ -328,11 +323,10 @@ def momenta(model: SimulatedModel, state: Floats) -> Floats:
 
 def velocities(model: SimulatedModel, state: Floats, momentum: Floats) -> Floats:
     """Return the velocities of generalised momenta, the inverse of `momenta`, shape (n,)."""
-    _at_rest_forces(model, state)
-    result = np.empty((1, model.addresses.n))
-    mujoco.mj_solveM(model.mj_model, model.mj_data, result, momentum[None])
-    velocity: Floats = result[0]
-    return velocity
+    model.accelerations(state)
+    result: Floats = np.empty(model.addresses.n)
+    mujoco.mj_solveM(model.mj_model, model.mj_data, result[None], momentum[None])
+    return result
 
 
 MODES = ("exact", "continuous", "sampled")

@@ -188,8 +188,7 @@ def _run(
     for segment, (first, until) in zip(segments, pairwise([*begins, count]), strict=True):
         if first == until:  # what begins at the horizon
             continue
-        if has_ended(limits, states[first]):
-            status = _FELL
+        status = _FELL if has_ended(limits, states[first]) else status
         if status != _RUNNING:
             break
         there = segment

@@ -114,8 +114,6 @@ def follow(seen: Sequence[Floats], fps: float) -> tuple[list[Floats], bool, floa
     """Return where a camera looks in each frame of each run, if it stands still, a plant's size.
 
     It looks at one point as long as plants stay about where they are, else at each of them.
-
-    seen: Points of each run, shape (N, points, 3).
     """
     everything = np.concatenate([points.reshape(-1, 3) for points in seen])
     own = max(float(np.ptp(points, axis=1).max()) for points in seen) or 1.0

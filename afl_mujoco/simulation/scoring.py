@@ -18,12 +18,9 @@ TERMS = ("iae_z", "iae_phi", "max_force")
 class ObjectiveScales:
     """The scales by which the terms of (O1) are divided (decision D4)."""
 
-    iae_z: float
-    """Integral of abs(z) [m s]."""
-    iae_phi: float
-    """Integral of abs(phi) [rad s]."""
-    max_force: float
-    """Largest abs(F) [N]."""
+    iae_z: float  # integral of abs(z) [m s]
+    iae_phi: float  # integral of abs(phi) [rad s]
+    max_force: float  # largest abs(F) [N]
 
 
 def objective(iae_z: Any, iae_phi: Any, max_force: Any, scales: ObjectiveScales) -> Any:

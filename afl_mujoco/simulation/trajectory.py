@@ -63,7 +63,7 @@ class Outcome:
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Layout:
     """What the columns of a run are called, and where its coordinates should be."""
 
@@ -76,14 +76,9 @@ class Layout:
     @classmethod
     def of(cls, scenario: Scenario) -> Layout:
         """Return the layout of the runs of a scenario."""
-        plant = scenario.plant
-        return cls(
-            coordinates=tuple(plant.coordinates),
-            inputs=tuple(plant.inputs),
-            units=dict(plant.units),
-            target=scenario.target,
-            wraps=tuple(plant.wraps),
-        )
+        p = scenario.plant
+        names = tuple(p.coordinates), tuple(p.inputs)
+        return cls(*names, dict(p.units), scenario.target, tuple(p.wraps))
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -461,6 +456,13 @@ def assemble(
         given = controller_inputs(scenario, controller, reached)
         inputs = controller.forces(states, given, reached)
     values = scenario.values(instants(reached))
+    provenance = {
+        "simulator": simulator,
+        "settings": dict(settings),
+        "scenario": scenario_to_table(scenario),
+        "controller": controller.describe(),
+        "versions": dict(_versions()),
+    }
     return Trajectory(
         time=reached,
         state=states,
@@ -469,12 +471,6 @@ def assemble(
         signals=signals_of(plant, states, values),
         outcome=outcome,
         layout=Layout.of(scenario),
+        provenance=provenance,
         **deployed,
-        provenance={
-            "simulator": simulator,
-            "settings": dict(settings),
-            "scenario": scenario_to_table(scenario),
-            "controller": controller.describe(),
-            "versions": dict(_versions()),
-        },
     )

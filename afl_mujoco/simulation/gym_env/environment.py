@@ -296,9 +296,8 @@ def policy_controller(
 ) -> Callable[[float, Floats, Any], Any]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    It acts as in the environment, through its wrappers: held for the same control period, it
-    repeats the episode. It has no memory: the policy is read and not copied. Of a plant with
-    several inputs it returns an array.
+    Held for the environment's control period, it repeats the episode, through its wrappers. It has
+    no memory: the policy is read and not copied.
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, ScenarioEnv):

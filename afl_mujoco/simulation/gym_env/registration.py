@@ -40,11 +40,7 @@ def environment_id(scenario: str, *, randomize: bool = False) -> str:
 
 
 def register() -> None:
-    """Make every scenario of the catalogue known to `gymnasium.make`; further calls do nothing.
-
-    Each is registered as it is, and with start and imperfections drawn at random; the laboratory
-    only drawn at random, M(t) and l(t) too. `ANY` takes any other.
-    """
+    """Make every scenario known to `gymnasium.make`, as it is and drawn at random; once."""
     require_gymnasium()
     from gymnasium.envs import registration
 

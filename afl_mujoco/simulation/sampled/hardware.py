@@ -163,18 +163,9 @@ def new_run(n: int = 2, k: int = 1) -> RunState:
     """Return the state of a run that has not begun: no force, no measurement, nothing written."""
     marks = np.zeros(1, MARKS)
     marks["status"] = marks["at_stop"] = marks["written"] = RUNNING
-    return RunState(
-        marks=marks[0],
-        drive=np.zeros(k, DRIVE),
-        command=np.zeros(k),
-        measured=np.zeros(2 * n),
-        seen=np.zeros(2 * n),
-        before=np.zeros(2 * n),
-        after=np.zeros(2 * n),
-        peak=np.zeros(n),
-        iae=np.zeros(n),
-        space=np.zeros(k + 5 * n),
-    )
+    of_states = {name: np.zeros(2 * n) for name in ("measured", "seen", "before", "after")}
+    others = {"peak": np.zeros(n), "iae": np.zeros(n), "space": np.zeros(k + 5 * n)}
+    return RunState(marks[0], np.zeros(k, DRIVE), np.zeros(k), **of_states, **others)
 
 
 def no_commands(actuators: NDArray[Any]) -> Floats:
@@ -275,15 +266,11 @@ def _obey(actuator, drive, command, length):
 
 @inlined_kernel
 def actuate(actuator, drive, pending, index, command, k, length):
-    """Return the mean force of a drive over a physics step.
+    """Return the mean force of a drive over a physics step, or its length of one.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
     held; a step gets the exact mean over the step, so that it delivers the right momentum with any
     of MuJoCo's integrators. The drive notes the force itself, which the mean would understate.
-
-    index: Which input it is, a column of the pending commands.
-    command: The command now, from `within_reach` [N].
-    length: Length of the step [step], at most 1.
     """
     before, share = command, min(actuator.later_share, length)
     if actuator.late > 0 or share > 0.0:  # a ring of past commands, one a step

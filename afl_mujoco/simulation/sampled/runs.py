@@ -177,12 +177,7 @@ def perform(
     record: bool,
     estimates: Floats | None = None,
 ) -> tuple[RunState, Floats]:
-    """Run the loop from start to end.
-
-    estimates: Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
-    Returns record: State, exerted inputs and commands, shape (N + 1, 2 n + 2 k), or (0, 2 n + 2 k)
-        if they are not kept; a run that ends early fills only the first rows.
-    """
+    """Run the loop; return state, inputs and commands of each instant too, if `record`."""
     at, plan, actuators = model.addresses, prepared.plan, prepared.actuators
     run, pending = new_run(at.n, at.k), no_commands(actuators)
     rows = np.empty((plan.steps + 1 if record else 0, 2 * at.n + 2 * at.k))
