@@ -27,17 +27,13 @@ from afl_mujoco.errors import (
 from afl_mujoco.loading import told_of
 from afl_mujoco.plants.plant import Floats, Plant
 
-Fill = Callable[..., None]
-"""A function (q, v, u, p, out) that fills `out`."""
+Fill = Callable[..., None]  # a function (q, v, u, p, out) that fills `out`
 
 POINTS = 20
 """Random points at which the compiled equations are held against the interpreted, at every load."""
 
-AGREE = 1e-9
-"""How well they must agree: compilers reorder sums, and no mistake is that small."""
-
-ROUNDING = 1e-12
-"""What of the largest number may be left where terms cancel."""
+AGREE = 1e-9  # how well they must agree: compilers reorder sums, and no mistake is that small
+ROUNDING = 1e-12  # what of the largest number may be left where terms cancel
 
 INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1]}/")
 """Parts of paths of modules that do not change between two runs; the last of our own."""

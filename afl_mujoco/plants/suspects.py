@@ -39,14 +39,9 @@ WORDS = {
 
 FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
-ALIKE = 3
-"""How many mistakes are named that look alike, for want of a parameter that varies."""
-
-SMALL = 1e-5
-"""Step of differences in time, relative to the fastest rate."""
-
-MANY = 4
-"""Coordinates up to which every set of them is tried with the other sign; of more, pairs."""
+ALIKE = 3  # how many mistakes are named that look alike, for want of a parameter that varies
+SMALL = 1e-5  # step of differences in time, relative to the fastest rate
+MANY = 4  # coordinates up to which every set of them is tried with the other sign; of more, pairs
 
 PASSIVE = {
     "dof_damping": "damping", "jnt_stiffness": "stiffness", "dof_armature": "armature",

@@ -40,11 +40,8 @@ FIELDS = {
 
 WORLD = "world"
 
-SMALLEST = float(mujoco.mjMINVAL)
-"""MuJoCo refuses masses and inertias of moving bodies below this."""
-
-SAME = 1e-12
-"""Rows from arrays and one by one agree to this: NumPy's powers round differently."""
+SMALLEST = float(mujoco.mjMINVAL)  # MuJoCo refuses masses and inertias of moving bodies below this
+SAME = 1e-12  # rows from arrays and one by one agree to this: NumPy's powers round differently
 
 
 class Target(NamedTuple):

@@ -16,8 +16,7 @@ from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.scenario import Scenario
 
-STEP = 1e-6
-"""Step of the central differences [rad, m, rad/s, m/s]."""
+STEP = 1e-6  # step of the central differences [rad, m, rad/s, m/s]
 
 
 def bound(controller: Controller, scenario: Scenario) -> Controller:

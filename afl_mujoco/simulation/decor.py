@@ -18,14 +18,9 @@ from afl_mujoco.simulation.mujoco_model import SimulatedModel, shown
 ARROW_SCALE = 0.2
 """Length of an arrow [m] over the square root of its force [N]: 1 N is visible, 100 N fits."""
 
-BAR = 0.5
-"""Spacing of the marks along the rail [m]; every second one is longer and has a number."""
-
-NEAR = 20.0
-"""How far from the cart marks are drawn where the view of the camera is not known [m]."""
-
-LARGEST = (1920, 1080)
-"""Largest picture [pixels]."""
+BAR = 0.5  # spacing of the marks along the rail [m]; every second one is longer and has a number
+NEAR = 20.0  # how far from the cart marks are drawn where the view of the camera is not known [m]
+LARGEST = (1920, 1080)  # largest picture [pixels]
 
 Colour = tuple[float, float, float, float]
 FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
@@ -36,11 +31,8 @@ STOP_SIZE = (0.03, 0.12, 0.12)
 """Half-size of an end stop [m]: it stands on the track and is lower than the cart."""
 
 LIGHT_CART, HEAVY_CART = (0.55, 0.78, 0.98), (0.10, 0.27, 0.62)
-HEAVY = 2.0
-"""Cart mass from which the cart has the darkest blue [kg]."""
-
-BED_TOP, BED_FRONT = -0.30, -0.70
-"""Height and front edge of the track [m]."""
+HEAVY = 2.0  # cart mass from which the cart has the darkest blue [kg]
+BED_TOP, BED_FRONT = -0.30, -0.70  # height and front edge of the track [m]
 
 _FORCE_LINE, _PUSH_LINE = -0.15, -0.03
 

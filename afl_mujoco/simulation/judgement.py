@@ -15,8 +15,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
 
-DWELL = 1.0
-"""How long a run must stay settled, up to its end, to count as settled [s]."""
+DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,7 @@ Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
 not finite, or its controller has no boundary layer)."""
 
-BANDS = {"2pc": 0.02, "5pc": 0.05}
-"""Settling bands as a share of the peak of the state."""
+BANDS = {"2pc": 0.02, "5pc": 0.05}  # settling bands as a share of the peak of the state
 
 _LABELS: Mapping[str, str] = {
     "objective": "objective OF",

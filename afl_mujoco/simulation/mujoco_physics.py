@@ -51,8 +51,7 @@ except ModuleNotFoundError as error:  # beyond Python 3.12 pip cannot install it
     rule = "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
     raise MissingPackageError(str(error.name), rule) from None
 
-_FOREVER = 2**62
-"""More steps than any run has: the environment ends an episode, not the loop."""
+_FOREVER = 2**62  # more steps than any run has: the environment ends an episode, not the loop
 
 
 class Episode(NamedTuple):

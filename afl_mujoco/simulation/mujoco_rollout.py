@@ -86,8 +86,7 @@ DEGREES = (3, 5, 9, 17, 33)
 SMOOTH = 1e-14
 """Largest error of these, as a share of the largest number that is written in a place."""
 
-SMOOTH_DRIFT = 1e-11
-"""The same of how bodies move in their frames, which is known by differences."""
+SMOOTH_DRIFT = 1e-11  # the same of how bodies move in their frames, which is known by differences
 
 
 def line_of(

@@ -58,8 +58,7 @@ from afl_mujoco.simulation.trajectory import (
     criterion_of,
 )
 
-SAMPLE_PERIOD = 1e-3
-"""Spacing of the reported instants [s]."""
+SAMPLE_PERIOD = 1e-3  # spacing of the reported instants [s]
 
 PAPERS_CHANGE = ParameterChange()
 

@@ -26,23 +26,12 @@ CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
 SMOOTHING = 0.35
 """Standard deviation of the window over which a camera averages where a plant is [s]."""
 
-FAR = 4.0
-"""A camera stands still as long as plants stay within this many times their own size."""
-
-FLAT = 0.05
-"""Motion is in a plane if it spreads less than this share as far across it."""
-
-LOST = 50.0
-"""Beyond this many times its own size from the camera's aim a plant is not kept in view."""
-
-ROOM = 1.1
-"""Size of a view over that of what it keeps in view."""
-
-HIDDEN = 3
-"""The first of the groups of geoms that MuJoCo's viewer hides."""
-
-PUSHED = 0.25
-"""How long an impulse is said at least [s]."""
+FAR = 4.0  # a camera stands still as long as plants stay within this many times their own size
+FLAT = 0.05  # motion is in a plane if it spreads less than this share as far across it
+LOST = 50.0  # beyond this many times its own size from the camera's aim a plant is not kept in view
+ROOM = 1.1  # size of a view over that of what it keeps in view
+HIDDEN = 3  # the first of the groups of geoms that MuJoCo's viewer hides
+PUSHED = 0.25  # how long an impulse is said at least [s]
 
 
 class Poses(NamedTuple):

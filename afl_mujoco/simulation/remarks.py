@@ -15,11 +15,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import DIVERGED, STATE_LIMIT, Trajectory
 
-LONGEST = 50.0
-"""Half-length that nobody means [m]."""
-
-LONG_WAIT = 0.1
-"""Share of a run that nobody means as a delay or a control period."""
+LONGEST = 50.0  # half-length that nobody means [m]
+LONG_WAIT = 0.1  # share of a run that nobody means as a delay or a control period
 
 SAID = {"cart_mass": "M", "half_length": "l", "pole_mass": "m", "gravity": "g"}
 

@@ -10,8 +10,7 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.ode import simulate_ode
 
-TERMS = ("iae_z", "iae_phi", "max_force")
-"""The metrics that the objective (O1) adds up."""
+TERMS = ("iae_z", "iae_phi", "max_force")  # the metrics that the objective (O1) adds up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

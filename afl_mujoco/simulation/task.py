@@ -37,11 +37,8 @@ from dm_env import TimeStep, specs  # noqa: E402  # isort: skip
 PHI_MARGIN = math.pi / 3
 """Lean [rad] at which the reward's upright term is 0.1: the start of the paper's runs."""
 
-Z_MARGIN = 2.0
-"""Distance [m] at which the reward's centred term is 0.1."""
-
-FORCE_MARGIN = 100.0
-"""Force [N] at which the reward's effort term is 0.1."""
+Z_MARGIN = 2.0  # distance [m] at which the reward's centred term is 0.1
+FORCE_MARGIN = 100.0  # force [N] at which the reward's effort term is 0.1
 
 _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
@@ -51,8 +48,7 @@ OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
 DAMPING, LIGHTER = ("damping.",), ("armature.", "tip_mass_share", "pole_radius")
 """What slows a joint the faster the larger, and the smaller, it is: beginnings of imperfections."""
 
-SAMPLES = 2**31 - 1
-"""Number of samples from which episodes are drawn."""
+SAMPLES = 2**31 - 1  # number of samples from which episodes are drawn
 
 ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
 """Keys that `load` accepts in ``environment_kwargs``; it sets the others itself."""

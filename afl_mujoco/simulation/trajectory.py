@@ -96,8 +96,7 @@ class Layout:
         return found
 
 
-LAYOUT = Layout()
-"""That of the cart-pole."""
+LAYOUT = Layout()  # that of the cart-pole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)

@@ -266,8 +266,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         return observed(np.concatenate(parts), self.scale)
 
 
-CartPoleEnv = ScenarioEnv
-"""What it was called when there was no other plant."""
+CartPoleEnv = ScenarioEnv  # what it was called when there was no other plant
 
 
 def reseed(task: Balance, random: np.random.Generator) -> None:

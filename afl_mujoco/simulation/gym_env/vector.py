@@ -58,8 +58,7 @@ from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
-SHARES = 8
-"""Parts for each thread in which environments step: who is done with one takes the next."""
+SHARES = 8  # parts for each thread in which environments step: who is done with one takes the next
 
 
 class Many(NamedTuple):
@@ -326,5 +325,4 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return {**known, **{f"_{name}": there.copy() for name in known}}
 
 
-CartPoleVectorEnv = ScenarioVectorEnv
-"""What it was called when there was no other plant."""
+CartPoleVectorEnv = ScenarioVectorEnv  # what it was called when there was no other plant

@@ -86,8 +86,7 @@ reached. ``unsettled``: the first step from which the state has stayed within th
 row of the profile that the model has, -1 for none.
 """
 
-RUNNING = -1
-"""The status of a run that has not ended."""
+RUNNING = -1  # the status of a run that has not ended
 
 ACTUATOR = np.dtype(
     [

@@ -41,8 +41,7 @@ from afl_mujoco.simulation.sampled.hardware import (
 )
 from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble, criterion_of
 
-LONG_AGO = 1e9
-"""Before that nothing was known of the plant [s]; a longer delay is the same."""
+LONG_AGO = 1e9  # before that nothing was known of the plant [s]; a longer delay is the same
 
 MOST_FINER = 1000
 """Largest factor by which a run makes its step finer for the damping of the joints."""
