@@ -50,7 +50,7 @@ dist: $(READY) ## build wheel and source distribution into dist/, check them, an
 	@$(INSTALL) requirements-docs.lock
 	@scripts/build_and_try "$$(scripts/find_python $(PYTHON))"
 
-test: $(READY) ## run the tests except the slow ones, or exactly those of ARGS="tests/plant -k energy"
+test: $(READY) ## run the tests except the slow ones, or exactly those of ARGS="tests/plants -k energy"
 	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
 
 slow: $(READY) ## run the slow tests: whole commands, films, the page in a browser

@@ -23,8 +23,12 @@ if TYPE_CHECKING:
     from afl_mujoco.control.gains import FIXED_GAINS, GainFunction, Gains
     from afl_mujoco.control.law import control_force, sliding_variable
     from afl_mujoco.errors import AflMujocoError
-    from afl_mujoco.plant.dynamics import acceleration, mass_matrix
-    from afl_mujoco.plant.energy import linear_momentum, total_energy
+    from afl_mujoco.plants.cartpole_equations import (
+        acceleration,
+        linear_momentum,
+        mass_matrix,
+        total_energy,
+    )
     from afl_mujoco.plants.equations import from_sympy
     from afl_mujoco.plants.plant import Parameter, Plant, ball, box, rod
     from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -61,8 +65,12 @@ _HOMES = {
     "control.gains": ("FIXED_GAINS", "GainFunction", "Gains"),
     "control.controller": ("Controller",),
     "errors": ("AflMujocoError",),
-    "plant.dynamics": ("acceleration", "mass_matrix"),
-    "plant.energy": ("linear_momentum", "total_energy"),
+    "plants.cartpole_equations": (
+        "acceleration",
+        "linear_momentum",
+        "mass_matrix",
+        "total_energy",
+    ),
     "plants.equations": ("from_sympy",),
     "plants.plant": ("Parameter", "Plant", "ball", "box", "rod"),
     "scenario.catalogue": ("SCENARIOS",),

@@ -35,7 +35,7 @@ import afl_mujoco as afl
 from afl_mujoco.control import law as fl
 from afl_mujoco.control import law as sliding_mode
 from afl_mujoco.control.law import sliding_and_drift
-from afl_mujoco.plant import dynamics
+from afl_mujoco.plants import cartpole_equations as dynamics
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.simulation.scoring import objective
 from research.batch import closed_loop_terms

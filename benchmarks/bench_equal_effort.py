@@ -33,7 +33,7 @@ from afl_mujoco.control import scheduled as angle
 from afl_mujoco.control.controller import LINEAR, compiled_force
 from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.control.law import afl_force
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.time_steps import time_grid

@@ -24,7 +24,8 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import perform, prepare, timing_of
 from afl_mujoco.simulation.task import controller_policy
@@ -63,7 +64,7 @@ def loop(scenario: Scenario, integrator: str, controller: Controller) -> Callabl
     """Return a call of the compiled loop alone, everything it needs prepared."""
     controller = bound(controller, scenario)
     model = SimulatedModel(scenario.plant, timestep=TIMESTEP, integrator=integrator)
-    timing = timing_of(scenario, model, timestep=TIMESTEP)
+    timing = timing_of(scenario, model, Deployed(timestep=TIMESTEP))
     prepared = prepare(model, scenario, controller, timing)
     return lambda: perform(model, prepared, controller, record=True)
 

@@ -43,7 +43,9 @@ BRIEF = (
     *("--controllers", "adaptive", "--workers", "1"),
 )
 TESTS = (
-    *("tests/control", "tests/plant", "tests/scenario", "tests/simulation"),
+    *("tests/control", "tests/scenario", "tests/simulation"),
+    "tests/plants/test_cartpole_equations.py",
+    "tests/plants/test_cartpole_stretching_rod.py",
     "tests/studies/test_bisection.py",
     *("tests/studies/test_robustness.py", "tests/studies/test_thresholds.py"),
     "tests/studies/test_montecarlo.py",

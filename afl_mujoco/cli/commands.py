@@ -338,8 +338,8 @@ class Simulate(_Deployed):
         from afl_mujoco.report.terminal import print_report
         from afl_mujoco.scenario.sample_space import NOISE_DRAWS
         from afl_mujoco.scenario.time_steps import LONGEST_STEP
+        from afl_mujoco.simulation.bound_controllers import bound
         from afl_mujoco.simulation.figures import draw_runs
-        from afl_mujoco.simulation.linear import bound
         from afl_mujoco.simulation.metrics import in_order, metrics
         from afl_mujoco.simulation.remarks import remarks_on
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective

@@ -31,12 +31,7 @@ def model_file(name: str) -> Path:
 
 
 def capsule_inertia(mass: Any, half_length: Any, radius: float) -> Any:
-    """Return the inertia across a uniform solid capsule, about its middle [kg m^2].
-
-    mass: Its mass [kg].
-    half_length, radius: Half the length of its cylinder, and the radius of cylinder and end caps
-        [m].
-    """
+    """Return the inertia across a uniform solid capsule, about its middle [kg m^2]."""
     length = 2.0 * half_length
     caps = mass * (4.0 * radius) / (4.0 * radius + 3.0 * length)  # volumes without pi r^2 / 3
     barrel = mass - caps
@@ -46,11 +41,7 @@ def capsule_inertia(mass: Any, half_length: Any, radius: float) -> Any:
 
 
 def write(p: Any) -> dict[str, Any]:
-    """Return what M, m, l and g are in the MJCF.
-
-    A share of the mass may be a point at the tip, the rest a rod or capsule centred at l: their
-    common centre lies at ``(1 + share) l``, and the inertia is about it.
-    """
+    """Return what M, m, l and g are in the MJCF, a share of m a point at the tip, the rest at l."""
     m, length, share = p.pole_mass, p.half_length, getattr(p, "tip_mass_share", 0.0)
     radius = getattr(p, "pole_radius", 0.0)
     x2, y2, z2 = (half * half for half in CART_HALF_SIZE)

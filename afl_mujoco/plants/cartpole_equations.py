@@ -1,18 +1,181 @@
-"""The cart-pole with its equations: (P3) and (P4) are what its MJCF has to obey."""
+"""The equations of motion (P3), (P4) of the cart-pole, its mass matrix, energy and momentum.
+
+The compiled functions take floats or arrays: NumPy callers and compiled loops share them. `plant`
+is the cart-pole whose MJCF has to obey them.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from afl_mujoco.compiled import jitable
 from afl_mujoco.plants.cartpole import CART_POLE
 
+if TYPE_CHECKING:
+    from afl_mujoco.scenario.parameters import CartPoleParameters
 
-def accelerations(q: Any, v: Any, u: Any, p: Any) -> tuple[Any, Any]:
-    """Return (z'', phi''), Eqs. (P3) and (P4)."""
+
+@jitable
+def determinant(phi, cart_mass, pole_mass):
+    """Return D = 4/3 (M + m) - m cos^2(phi) [kg], the denominator of (P3) and (P4)."""
+    return 4.0 / 3.0 * (cart_mass + pole_mass) - pole_mass * np.cos(phi) ** 2
+
+
+@jitable
+def cart_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
+    """Return z'' [m/s^2], Eq. (P3)."""
+    centripetal = pole_mass * half_length * phi_dot**2 * np.sin(phi)
+    weight = pole_mass * gravity * np.sin(phi) * np.cos(phi)
+    return (weight - 4.0 / 3.0 * centripetal + 4.0 / 3.0 * force) / determinant(
+        phi, cart_mass, pole_mass
+    )
+
+
+@jitable
+def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity):
+    """Return phi'' [rad/s^2], Eq. (P4)."""
+    centripetal = pole_mass * half_length * phi_dot**2 * np.sin(phi)
+    weight = (cart_mass + pole_mass) * gravity * np.sin(phi)
+    return (weight + (force - centripetal) * np.cos(phi)) / (
+        half_length * determinant(phi, cart_mass, pole_mass)
+    )
+
+
+@jitable
+def stretching_accelerations(
+    phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, half_length_rate
+):
+    """Return (z'', phi'') of a rod that stretches at a prescribed rate (decision D9).
+
+    The paper freezes M and l in (P1) and (P2) at each instant. With the rate l' of the half-length,
+    uniform stretch, they are
+
+        (M+m) z'' - m l phi'' c + m l s phi'^2 = F + m (2 l' phi' c + l'' s)
+        (4/3) m l^2 phi'' - m l c z'' - m g l s = -(8/3) m l l' phi'
+
+    with c, s = cos(phi), sin(phi). Here l is piecewise linear: between breakpoints l'' = 0, and a
+    kink of l gives the cart the impulse m s (change of l').
+    """
+    sin, cos = np.sin(phi), np.cos(phi)
+    d = determinant(phi, cart_mass, pole_mass)
+    cart = force + pole_mass * phi_dot * (
+        2.0 * half_length_rate * cos - half_length * phi_dot * sin
+    )
+    pole = pole_mass * (gravity * sin - 8.0 / 3.0 * half_length_rate * phi_dot)
+    z_ddot = (4.0 / 3.0 * cart + cos * pole) / d
+    phi_ddot = ((cart_mass + pole_mass) * pole / pole_mass + cos * cart) / (half_length * d)
+    return z_ddot, phi_ddot
+
+
+def acceleration(
+    state: ArrayLike, force: ArrayLike, parameters: CartPoleParameters
+) -> NDArray[np.float64]:
+    """Return the accelerations (z'', phi''), Eqs. (P3) and (P4).
+
+    Parameters
+    ----------
+    state
+        (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (..., 4).
+    force
+        Force on the cart [N], shape (...).
+    parameters
+        The plant.
+
+    Returns
+    -------
+    ndarray
+        (z'', phi'') [m/s^2, rad/s^2], shape (..., 2).
+    """
+    _, phi, _, phi_dot = np.moveaxis(np.asarray(state, dtype=np.float64), -1, 0)
+    found = _accelerations((0.0, phi), (0.0, phi_dot), (np.asarray(force),), parameters)
+    return np.stack(np.broadcast_arrays(*found), axis=-1)
+
+
+def _accelerations(q: Any, v: Any, u: Any, p: Any) -> tuple[Any, Any]:
+    """Return (z'', phi''), Eqs. (P3) and (P4), as a `Plant` has them."""
     given = (q[1], v[1], u[0], p.cart_mass, p.pole_mass, p.half_length, p.gravity)
     return cart_acceleration(*given), pole_acceleration(*given)
 
 
-plant = replace(CART_POLE, accelerations=accelerations, origin="cart-pole")
+plant = replace(CART_POLE, accelerations=_accelerations, origin="cart-pole")
+
+
+def mass_matrix(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return the mass matrix of (z, phi): the coefficients of (P2) and (P1).
+
+    Parameters
+    ----------
+    state
+        (z, phi, z_dot, phi_dot), shape (..., 4).
+    parameters
+        The plant.
+
+    Returns
+    -------
+    ndarray
+        Shape (..., 2, 2), symmetric [kg, kg m; kg m, kg m^2].
+    """
+    phi = np.asarray(state, dtype=np.float64)[..., 1]
+    p = parameters
+    matrix = np.empty((*phi.shape, 2, 2))
+    matrix[..., 0, 0] = p.cart_mass + p.pole_mass
+    matrix[..., 0, 1] = matrix[..., 1, 0] = -p.pole_mass * p.half_length * np.cos(phi)
+    matrix[..., 1, 1] = 4.0 / 3.0 * p.pole_mass * p.half_length**2
+    return matrix
+
+
+def velocity_jump(
+    state: ArrayLike, impulse: float, parameters: CartPoleParameters
+) -> NDArray[np.float64]:
+    """Return the jump of (z_dot, phi_dot) that an ideal impulse on the cart [N s] causes."""
+    matrix = mass_matrix(state, parameters)
+    push = np.zeros((*matrix.shape[:-1], 1))
+    push[..., 0, 0] = impulse
+    return np.asarray(np.linalg.solve(matrix, push)[..., 0])
+
+
+def total_energy(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return kinetic plus potential energy, which is zero at the height of the pivot.
+
+    Parameters
+    ----------
+    state
+        (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s], shape (..., 4).
+    parameters
+        The plant.
+
+    Returns
+    -------
+    ndarray
+        Energy [J], shape (...).
+    """
+    s = np.asarray(state, dtype=np.float64)
+    p = parameters
+    velocity = s[..., 2:]
+    kinetic = 0.5 * np.einsum("...i,...ij,...j", velocity, mass_matrix(s, p), velocity)
+    potential = p.pole_mass * p.gravity * p.half_length * np.cos(s[..., 1])
+    return np.asarray(kinetic + potential)
+
+
+def linear_momentum(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:
+    """Return the momentum of cart and pole along z: the left side of (P2) is its rate.
+
+    Parameters
+    ----------
+    state
+        (z, phi, z_dot, phi_dot), shape (..., 4).
+    parameters
+        The plant.
+
+    Returns
+    -------
+    ndarray
+        Momentum [kg m/s], shape (...).
+    """
+    s = np.asarray(state, dtype=np.float64)
+    row = mass_matrix(s, parameters)[..., 0, :]
+    return np.asarray(np.einsum("...j,...j", row, s[..., 2:]))

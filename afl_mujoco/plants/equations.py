@@ -15,7 +15,6 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 from numba import carray  # type: ignore[attr-defined]
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import Callback, kernel
 from afl_mujoco.errors import (
@@ -26,21 +25,15 @@ from afl_mujoco.errors import (
     told,
 )
 from afl_mujoco.loading import told_of
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 
-Floats = NDArray[np.float64]
-
-Fill = Callable[..., None]
-"""A function (q, v, u, p, out) that fills `out`."""
+Fill = Callable[..., None]  # a function (q, v, u, p, out) that fills `out`
 
 POINTS = 20
 """Random points at which the compiled equations are held against the interpreted, at every load."""
 
-AGREE = 1e-9
-"""How well they must agree: compilers reorder sums, and no mistake is that small."""
-
-ROUNDING = 1e-12
-"""What of the largest number may be left where terms cancel."""
+AGREE = 1e-9  # how well they must agree: compilers reorder sums, and no mistake is that small
+ROUNDING = 1e-12  # what of the largest number may be left where terms cancel
 
 INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1]}/")
 """Parts of paths of modules that do not change between two runs; the last of our own."""
@@ -80,14 +73,10 @@ class Equations:
     @property
     def size(self) -> int:
         """How many numbers they give."""
-        n, k = len(self.plant.coordinates), len(self.plant.inputs)
-        return n * (n + 1 + k) if self.plant.terms else n
+        return _size(self.plant)
 
     def at(self, points: Points, *, gaps: bool = False) -> Floats:
-        """Return what they give, a row a point: accelerations, or M, h and B row by row.
-
-        gaps: NaN where they raise, or give what is not finite; else this is an error.
-        """
+        """Return what they give, a row a point; with `gaps` NaN where that is no number."""
         found = np.full((len(points.q), self.size), np.nan)
         for *point, out in zip(*points, found, strict=True):
             try:
@@ -108,6 +97,11 @@ def split(plant: Plant, rows: Floats) -> tuple[Floats, Floats, Floats]:
     n = len(plant.coordinates)
     mass, bias, inputs = rows[:, : n * n], rows[:, n * n : n * n + n], rows[:, n * n + n :]
     return mass.reshape(-1, n, n), bias, inputs.reshape(len(rows), n, len(plant.inputs))
+
+
+def _size(plant: Plant) -> int:
+    n, k = len(plant.coordinates), len(plant.inputs)
+    return n * (n + 1 + k) if plant.terms else n
 
 
 def _word(plant: Plant) -> str:
@@ -144,7 +138,6 @@ def load_equations(plant: Plant, points: Points) -> Equations:
 
 
 def _interpreted(plant: Plant) -> Fill:
-    """Return the equations as the interpreter sees them, every answer looked at."""
     n, k = len(plant.coordinates), len(plant.inputs)
     function: Any = plant.terms or plant.accelerations
     word = _word(plant)
@@ -173,7 +166,6 @@ def _interpreted(plant: Plant) -> Fill:
 
 
 def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
-    """Return what equations gave as an array, or raise."""
     try:
         array = np.asarray(found)
         real = array.astype(np.float64) if array.dtype.kind in "biufO" else None
@@ -191,27 +183,20 @@ def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
 
 
 def _compiled(plant: Plant) -> tuple[Fill, Any]:
-    """Return the equations as compiled code, which numba keeps under a key of all they read.
-
-    And a function for `Callback`.
-    """
+    """Return the equations as compiled code under a key of all they read, and for `Callback`."""
     function: Any = plant.terms or plant.accelerations
     lines = list(_source(plant))
     said = [*lines, *plant.parameters, *sorted(_read(function, {}))]
     key = hashlib.blake2b("\0".join(said).encode(), digest_size=12).hexdigest()
     source = f"def equations_{key}(q, v, u, p, out):\n    " + "\n    ".join(lines)
     # Its file is this one, so that the cache is where that of the package is.
-    space = {
-        "__name__": __name__,
-        "F": _jitted(function, {}),
-        "P": namedtuple("P", list(plant.parameters)),
-    }
-    n, sizes = len(plant.coordinates), (len(plant.inputs), len(plant.parameters))
-    k, j, size = (*sizes, n * (n + 1 + sizes[0]) if plant.terms else n)
+    names = list(plant.parameters)
+    space = {"__name__": __name__, "F": _jitted(function, {}), "P": namedtuple("P", names)}
+    n, k, size = len(plant.coordinates), len(plant.inputs), _size(plant)
     source += (
         f"\ndef called_{key}(time, x, u, p, out):\n    state = carray(x, ({2 * n},))\n"
-        f"    E(state[:{n}], state[{n}:], carray(u, ({k},)), carray(p, ({j},)), "
-        f"carray(out, ({size},)))\n"
+        f"    E(state[:{n}], state[{n}:], carray(u, ({k},)), "
+        f"carray(p, ({len(plant.parameters)},)), carray(out, ({size},)))\n"
     )
     exec(compile(source, __file__, "exec"), space)
     space["E"], space["carray"] = kernel(space[f"equations_{key}"]), carray
@@ -239,15 +224,12 @@ def _jitted(function: Any, done: dict[int, Any]) -> Any:
     if not isinstance(function, types.FunctionType):
         return function
     if id(function) not in done:
-        space = dict(function.__globals__)
-        twin = types.FunctionType(
-            function.__code__, space, function.__name__, function.__defaults__, function.__closure__
-        )
-        done[id(function)] = compiled = njit(error_model="numpy")(twin)
-        for name in _names_in(function.__code__):
+        f, space = function, dict(function.__globals__)
+        parts = (f.__code__, space, f.__name__, f.__defaults__, f.__closure__)
+        done[id(f)] = njit(error_model="numpy")(types.FunctionType(*parts))
+        for name in _names_in(f.__code__):
             if isinstance(space.get(name), types.FunctionType):
                 space[name] = _jitted(space[name], done)
-        return compiled
     return done[id(function)]
 
 
@@ -281,12 +263,10 @@ def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
     yield f"{thing.__module__} {thing.__qualname__} {thing.__defaults__!r} {_text(thing.__code__)}"
     if any(part in thing.__code__.co_filename for part in INSTALLED[:-1]):
         return
-    cells: dict[str, Any] = {}
-    for name, cell in zip(thing.__code__.co_freevars, thing.__closure__ or (), strict=True):
-        cells[name] = cell.cell_contents
-    for name in sorted(_names_in(thing.__code__) & thing.__globals__.keys()):
-        cells[name] = thing.__globals__[name]
-    for name, value in cells.items():
+    closed = zip(thing.__code__.co_freevars, thing.__closure__ or (), strict=True)
+    cells = {name: cell.cell_contents for name, cell in closed}
+    read = sorted(_names_in(thing.__code__) & thing.__globals__.keys())
+    for name, value in (cells | {name: thing.__globals__[name] for name in read}).items():
         yield name
         yield from _read(value, seen)
     if home := sys.modules.get(thing.__module__):
@@ -294,7 +274,6 @@ def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
 
 
 def _text(code: types.CodeType) -> str:
-    """Return code as text without addresses."""
     constants = [_text(x) if isinstance(x, types.CodeType) else repr(x) for x in code.co_consts]
     return f"{code.co_code.hex()} {code.co_names} {constants}"
 
@@ -340,10 +319,8 @@ def from_sympy(
         raise MissingPackageError("from_sympy", "needs a package: pip install sympy") from None
 
     names = dict(p) if hasattr(p, "items") else {symbol: str(symbol) for symbol in p}
-    states, rates, inputs = (
-        [sp.Symbol(f"{word}_{i}_") for i in range(len(some))]
-        for word, some in (("q", q), ("v", v), ("u", u))
-    )
+    states, rates, inputs = ([sp.Symbol(f"{word}_{i}_") for i in range(len(some))]
+                             for word, some in zip("qvu", (q, v, u), strict=True))  # fmt: skip
     plain: Any = {symbol: sp.Symbol(f"p_{name}_") for symbol, name in names.items()}
     matrix, right = sp.Matrix(mass_matrix), sp.Matrix(forcing)
     # The rates first: q.diff(t) would be 0 once q is a symbol.
@@ -376,12 +353,10 @@ def from_sympy(
 
 
 def _tuple(items: Iterable[str]) -> str:
-    """Return the source of a tuple."""
     return f"({''.join(f'{x}, ' for x in items)})"
 
 
 def _python(expression: Any) -> str:
-    """Return an expression of SymPy as Python, or raise."""
     from sympy import pycode
 
     try:

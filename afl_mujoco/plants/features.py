@@ -13,8 +13,7 @@ from afl_mujoco.plants.library import mujoco
 
 DISABLE, JOINT, TRANSMISSION = mujoco.mjtDisableBit, mujoco.mjtJoint, mujoco.mjtTrn
 
-LEFT_OUT = "left out"
-"""In place of a remedy: the comparison does without it, and says so."""
+LEFT_OUT = "left out"  # in place of a remedy: the comparison does without it, and says so
 
 ALTERED = {
     "boundmass": "0", "boundinertia": "0", "settotalmass": "-1", "balanceinertia": "false",

@@ -17,7 +17,6 @@ import mujoco as mujoco  # noqa: E402  (it reads MUJOCO_GL when imported)
 
 
 def _load_library() -> None:
-    """Make MuJoCo's C functions visible to compiled code."""
     folder = Path(mujoco.__file__).parent
     for pattern in ("libmujoco*", "mujoco.dll"):
         for library in sorted(folder.glob(pattern)):
@@ -45,10 +44,7 @@ mj_solve_m: Any = types.ExternalFunction("mj_solveM", _solution)
 
 @inlined_kernel
 def write_row(structures, addresses, row):
-    """Write a row of values that was checked into a model, and refresh what depends on it.
-
-    structures: Addresses of the model and of scratch data, whose state is overwritten.
-    """
+    """Write a checked row into a model, and refresh what depends on it by scratch data."""
     for i in range(len(addresses)):
         store(addresses[i], row[i])
     mj_set_const(structures[0], structures[1])

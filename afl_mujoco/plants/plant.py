@@ -10,14 +10,16 @@ from functools import cache, cached_property
 from pathlib import Path
 from types import MappingProxyType, ModuleType, SimpleNamespace
 from typing import Any, Literal
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
 from afl_mujoco.loading import import_from, look_in, told_of
-from afl_mujoco.plants.mjcf import Mjcf
 from afl_mujoco.values import Finite, check_fields, require_finite
+
+Floats = NDArray[np.float64]
 
 AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
 
@@ -61,7 +63,6 @@ class Parameter:
     jump: Literal["velocities", "momenta"] = "velocities"
 
     def __post_init__(self) -> None:
-        """Check the numbers, and let bounds that are not given be the value."""
         check_fields(self)
         for name in ("low", "high"):
             if getattr(self, name) is None:
@@ -70,8 +71,7 @@ class Parameter:
             raise InvalidValueError("low", f"must be at most high, {self.high}", self.low)
         if not self.low <= self.value <= self.high:  # type: ignore[operator]
             raise InvalidValueError("value", f"must lie in {self.low} to {self.high}", self.value)
-        known = {"rate": ("frozen", "enters"), "jump": ("velocities", "momenta")}
-        for name, words in known.items():
+        for name, words in (("rate", ("frozen", "enters")), ("jump", ("velocities", "momenta"))):
             if getattr(self, name) not in words:
                 raise UnknownNameError.among(name, getattr(self, name), words)
 
@@ -162,10 +162,7 @@ def ball(*, mass: Any, radius: Any, center: tuple[Any, Any, Any] = (0.0, 0.0, 0.
 
 
 def box(
-    *,
-    mass: Any,
-    lengths: tuple[Any, Any, Any],
-    center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0),
+    *, mass: Any, lengths: tuple[Any, Any, Any], center: tuple[Any, Any, Any] = (0.0, 0.0, 0.0)
 ) -> Shape:
     """Return mass, centre and inertia of a uniform box.
 
@@ -190,9 +187,8 @@ def box(
     (13.0, 10.0, 5.0)
     """
     a, b, c = (length**2 for length in lengths)
-    return Shape(
-        mass, center, (mass * (b + c) / 12.0, mass * (a + c) / 12.0, mass * (a + b) / 12.0)
-    )
+    x, y, z = (mass * squares / 12.0 for squares in (b + c, a + c, a + b))
+    return Shape(mass, center, (x, y, z))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -270,7 +266,6 @@ class Plant:
     origin: str = field(default="", repr=False)  # what `load_plant` takes, if it was loaded
 
     def __post_init__(self) -> None:
-        """Refuse what no plant can be; the MJCF is read on first use."""
         if not (isinstance(self.name, str) and self.name):
             raise InvalidValueError("plant", "must have a name", told(self.name, repr))
         if not isinstance(self.model, str | Path):
@@ -294,23 +289,19 @@ class Plant:
                 if not name.isidentifier():
                     raise InvalidValueError(thing, "must be names as Python has them", repr(name))
         self._require_kinds()
-        self._take_numbers("upright", len(self.coordinates))
-        self._take_numbers("start", 2 * len(self.coordinates))
+        self._take_numbers()
         self._refuse_doubles()
 
     def __reduce__(self) -> Any:
-        """Pickle a plant that was loaded by where it is from."""
         if not self.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, for more than one process"
             raise InvalidValueError(f"plant {self.name!r}", rule)
         return _loaded, (self.origin,)
 
     def __deepcopy__(self, memo: Any) -> Plant:
-        """Return the plant itself, which never changes."""
         return self
 
     def _require_kinds(self) -> None:
-        """Raise unless each field is of its kind, and equations are given once."""
         if not self.coordinates:
             raise InvalidValueError("coordinates", "must name at least one joint", "none")
         for thing in ("wraps", "ends_at"):
@@ -328,17 +319,15 @@ class Plant:
         if {"terms", "accelerations"} <= given.keys():
             raise InvalidValueError("plant", "must have accelerations or terms, not both")
 
-    def _take_numbers(self, thing: str, count: int) -> None:
-        """Store numbers as floats, or raise unless there are so many."""
-        if (given := getattr(self, thing)) is None:
-            return
-        numbers = tuple(require_finite(thing, x) for x in given)
-        if len(numbers) != count:
-            raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
-        object.__setattr__(self, thing, numbers)
+    def _take_numbers(self) -> None:
+        for thing, count in (("upright", len(self.coordinates)), ("start", len(self.states))):
+            if (given := getattr(self, thing)) is not None:
+                numbers = tuple(require_finite(thing, x) for x in given)
+                if len(numbers) != count:
+                    raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
+                object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
-        """Raise if two things of a plant have one name."""
         owner: dict[str, str] = {}
         for kind, names in {
             "state": self.states, "input": self.inputs, "parameter": self.parameters,
@@ -351,9 +340,7 @@ class Plant:
                 owner[name] = kind
 
     def __repr__(self) -> str:
-        """Return what it is called, and its names."""
-        names = ("coordinates", "inputs", "parameters")
-        given = (f"{name}={tuple(getattr(self, name))}" for name in names)
+        given = [f"{x}={tuple(getattr(self, x))}" for x in ("coordinates", "inputs", "parameters")]
         return f"Plant(name={self.name!r}, {', '.join(given)})"
 
     @cached_property
@@ -385,7 +372,7 @@ class Plant:
     @cached_property
     def units(self) -> Mapping[str, str]:
         """The units of states, inputs and parameters by name, as far as the MJCF says them."""
-        there = Mjcf(self.model)
+        there = _Mjcf(self.model)
         slides = {name: one.get("type") == "slide" for name, one in there.joints.items()}
         lengths = {name: "m" if slides.get(name) else "rad" for name in self.coordinates}
         rates = {f"{name}_dot": f"{unit}/s" for name, unit in lengths.items()}
@@ -397,18 +384,66 @@ class Plant:
     @cached_property
     def limits(self) -> NDArray[np.float64]:
         """The limits of the inputs that the MJCF gives them (ctrlrange), shape (inputs, 2)."""
-        motors = Mjcf(self.model).motors
-        found = np.tile([-np.inf, np.inf], (len(self.inputs), 1))
-        for i, name in enumerate(self.inputs):
-            one = motors.get(name, {})
+        motors, found = _Mjcf(self.model).motors, np.tile([-np.inf, np.inf], (len(self.inputs), 1))
+        for i, one in enumerate(motors.get(name, {}) for name in self.inputs):
             given = one.get("ctrlrange", "").split()
             if len(given) == 2 and one.get("ctrllimited", "auto") != "false":
                 found[i] = [float(x) for x in given]
         return found
 
 
+class _Mjcf:
+    """The attributes of the joints and of the actuators of an MJCF by name, defaults included.
+
+    What cannot be read has none: whatever is wrong is said where the model is compiled.
+    """
+
+    def __init__(self, model: str | Path) -> None:
+        self.joints: dict[str, dict[str, str]] = {}
+        self.motors: dict[str, dict[str, str]] = {}
+        self._defaults: dict[tuple[str, str], dict[str, str]] = {}
+        try:
+            text = model.read_text("utf-8") if isinstance(model, Path) else model
+            root = ElementTree.fromstring(text)
+            if isinstance(model, Path):
+                for place in [*root.iter()]:
+                    for one in place.findall("include"):
+                        place.extend(
+                            ElementTree.parse(model.parent / one.get("file", "")).getroot()
+                        )
+        except (OSError, ValueError, ElementTree.ParseError):
+            return
+        for one in root.findall("default"):
+            self._learn(one, "main")
+        for one in root.findall("worldbody"):
+            self._visit(one, "main")
+        for one in root.findall("actuator/*"):
+            general = self._whole(one, "main", "general")
+            self.motors[one.get("name", "")] = {**general, **self._whole(one, "main", one.tag)}
+
+    def _learn(self, element: ElementTree.Element, above: str) -> None:
+        name = element.get("class", "main")
+        inherited = {tag for at, tag in self._defaults if at == above}
+        for tag in {one.tag for one in element} | inherited:
+            own = element.find(tag)
+            given = {} if own is None else own.attrib
+            self._defaults[name, tag] = {**self._defaults.get((above, tag), {}), **given}
+        for one in element.findall("default"):
+            self._learn(one, name)
+
+    def _whole(self, element: ElementTree.Element, inherited: str, tag: str) -> dict[str, str]:
+        at = element.get("class", inherited)
+        return {**self._defaults.get((at, tag), {}), **element.attrib}
+
+    def _visit(self, element: ElementTree.Element, inherited: str) -> None:
+        inherited = element.get("childclass", inherited)
+        for joint in element.findall("joint"):
+            self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")
+        for inner in (*element.findall("body"), *element.findall("frame")):
+            self._visit(inner, inherited)
+
+
 def _names(thing: str, given: Any) -> tuple[str, ...]:
-    """Return names, or raise."""
     if isinstance(given, str) or not isinstance(given, Sequence):
         raise InvalidValueError(thing, "must be a tuple of names", told(given, repr))
     for name in given:
@@ -423,15 +458,11 @@ KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 
 @cache
 def _loaded(origin: str) -> Plant:
-    """Return the plant of an origin, loaded once in a process."""
     return load_plant(origin)
 
 
 def load_plant(spec: str, folder: Path | None = None) -> Plant:
-    """Return the plant of ``"furuta.py:plant"`` or ``"module:attribute"``; the file is executed.
-
-    folder: What a path is relative to; the working directory by default.
-    """
+    """Return the plant of ``"file.py:plant"``, relative to a folder, or ``"module:plant"``."""
     place, _, attribute = KNOWN.get(spec, spec).rpartition(":")
     if not (place and attribute.isidentifier()):
         rule = "must be FILE.py:NAME or MODULE:NAME"

@@ -11,25 +11,22 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants.equations import Equations, Points, split
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.tree import Terms, Tree, terms_of
-
-Floats = NDArray[np.float64]
 
 Suspect = tuple[Callable[[float], str], Floats]
 """Words for the share that explains the difference, empty for none; what all of it would leave."""
 
-Part = tuple[str, Mapping[str, Floats]]
-"""A term: its name, and what it is in M, h or B."""
+Part = tuple[str, str, Floats]
+"""A term: its name, whether it is in mass, bias or inputs, and itself."""
 
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
@@ -42,14 +39,9 @@ WORDS = {
 
 FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
-ALIKE = 3
-"""How many mistakes are named that look alike, for want of a parameter that varies."""
-
-SMALL = 1e-5
-"""Step of differences in time, relative to the fastest rate."""
-
-MANY = 4
-"""Coordinates up to which every set of them is tried with the other sign; of more, pairs."""
+ALIKE = 3  # how many mistakes are named that look alike, for want of a parameter that varies
+SMALL = 1e-5  # step of differences in time, relative to the fastest rate
+MANY = 4  # coordinates up to which every set of them is tried with the other sign; of more, pairs
 
 PASSIVE = {
     "dof_damping": "damping", "jnt_stiffness": "stiffness", "dof_armature": "armature",
@@ -73,7 +65,6 @@ def _share(thing: str, c: float) -> str:
 
 
 def _inertial(thing: str, c: float) -> str:
-    """Return the same of what is positive: a motor or a force has the other sign then."""
     return _share(thing, c) if c > -1.0 - 1e-5 else ""
 
 
@@ -100,10 +91,7 @@ def _whole(words: str, c: float) -> str:
 
 
 class Search:
-    """One search through all suspects, at points where equations and tree differ.
-
-    tree_of: Returns the tree for a row of parameters.
-    """
+    """One search through all suspects, at points where equations and tree differ."""
 
     def __init__(
         self,
@@ -148,7 +136,10 @@ class Search:
         ):
             yield from _explained(say, self.start, left)
         yield from self.stale()
-        for say, left in itertools.chain(self.single_terms(), self.factors()):
+        single: Iterator[Suspect] = (
+            (partial(_share, name), self.added(field, term)) for name, field, term in self.rows
+        )
+        for say, left in itertools.chain(single, self.factors()):
             yield from _explained(say, self.start, left)
         if not self.plant.terms:
             yield from self.single_accelerations()
@@ -203,11 +194,7 @@ class Search:
         return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
 
     def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Floats:
-        """Return what is left if the equations were of other coordinates.
-
-        turn: These coordinates, as a matrix times MuJoCo's.
-        ours: What they have of MuJoCo's coordinates all the same: inputs, damping.
-        """
+        """Return what is left if the equations were of `turn` times MuJoCo's coordinates."""
         q, v = self.points.q @ turn.T, self.points.v @ turn.T
         found = self.equations.at(self.points._replace(q=q, v=v), gaps=True)
         if not self.plant.terms:
@@ -219,11 +206,10 @@ class Search:
         return self.residual(np.hstack([x.reshape(len(x), -1) for x in parts]))
 
     @cached_property
-    def rows(self) -> list[tuple[str, str, Floats]]:
+    def rows(self) -> list[Part]:
         """Terms in all equations and in that of one coordinate: name, where it is, itself."""
         found = []
-        for name, part in self.parts():
-            ((field, whole),) = part.items()
+        for name, field, whole in self.parts():
             found.append((f"the term {name}", field, whole))
             if field == "bias":
                 found += [
@@ -413,7 +399,7 @@ class Search:
         for (i, name), k in itertools.product(
             enumerate(self.plant.coordinates), range(len(inputs))
         ):
-            yield f"input {inputs[k]} on {name}", {"inputs": _only(b_, (slice(None), i, k))}
+            yield f"input {inputs[k]} on {name}", "inputs", _only(b_, (slice(None), i, k))
 
     def parts_of(self, who: str, trees: Sequence[Tree]) -> Iterator[Part]:
         """Yield gravity, velocity terms by pairs of rates, and entries of the mass matrix."""
@@ -424,24 +410,24 @@ class Search:
             unit = np.isin(np.arange(n), which).astype(float)
             return self.terms_of(tree, np.tile(unit, (count, 1))).bias
 
-        yield f"gravity{who}", {"bias": at_rates(trees)}
+        yield f"gravity{who}", "bias", at_rates(trees)
         alone = [at_rates(light, j) for j in range(n)]
         for j in range(n):
-            yield f"{names[j]}_dot^2{who}", {"bias": alone[j] * v[:, [j]] ** 2}
+            yield f"{names[j]}_dot^2{who}", "bias", alone[j] * v[:, [j]] ** 2
         for i, j in itertools.combinations(range(n), 2):
             mixed = (at_rates(light, i, j) - alone[i] - alone[j]) * v[:, [i]] * v[:, [j]]
-            yield f"{names[i]}_dot {names[j]}_dot{who}", {"bias": mixed}
+            yield f"{names[i]}_dot {names[j]}_dot{who}", "bias", mixed
         whole, gain = self.terms_of(light).bias, self.gain(light)
-        yield f"all velocity terms{who}", {"bias": whole}
-        yield f"M' v{who}", {"bias": gain}
-        yield f"1/2 v (dM/dq) v{who}", {"bias": whole - gain}
+        yield f"all velocity terms{who}", "bias", whole
+        yield f"M' v{who}", "bias", gain
+        yield f"1/2 v (dM/dq) v{who}", "bias", whole - gain
         mass = self.terms_of(trees).mass
         for i, j in itertools.product(range(n), repeat=2):
             entry = _only(mass, (slice(None), i, j))
             name = f"mass matrix {names[i]} {names[j]}{who}"
-            yield name, {"mass": entry}
+            yield name, "mass", entry
             if i < j:
-                yield f"{name}, twice there", {"mass": entry + np.swapaxes(entry, 1, 2)}
+                yield f"{name}, twice there", "mass", entry + np.swapaxes(entry, 1, 2)
 
     def gain(self, trees: Sequence[Tree]) -> Floats:
         """Return M' v, by differences."""
@@ -451,11 +437,9 @@ class Search:
         found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
         return found
 
-    def single_terms(self) -> Iterator[Suspect]:
-        """Yield a share of one term."""
-        for name, field, term in self.rows:
-            changed = {field: getattr(self.terms, field) + term}
-            yield partial(_share, name), self.residual(**changed)
+    def added(self, field: str, term: Floats) -> Floats:
+        """Return what is left if the tree had one term more."""
+        return self.residual(**{field: getattr(self.terms, field) + term})
 
     def factors(self) -> Iterator[Suspect]:
         """Yield one term that has a parameter as a factor once too often, or too seldom."""
@@ -465,9 +449,8 @@ class Search:
         ):
             p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
             for power, words in powers.items():
-                changed = {field: getattr(self.terms, field) + (p**power - 1.0) * term}
                 said = f"{name} {words.format(parameter)} the equations"
-                yield partial(_whole, said), self.residual(**changed)
+                yield partial(_whole, said), self.added(field, (p**power - 1.0) * term)
 
     def single_accelerations(self) -> Iterator[str]:
         """Yield one term of one acceleration, the others being right."""
@@ -487,8 +470,7 @@ class Search:
         name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]
         say = partial(_share, f"the acceleration of {name}")
         yield from _explained(say, start, start - right[:, i])
-        for term, part in self.parts():
-            ((field, x),) = part.items()
+        for term, field, x in self.parts():
             force = {"mass": lambda x: x @ right[..., None], "inputs": lambda x: -x @ u}
             pieces = inverse * (force[field](x)[..., 0] if field in force else x)
             say = partial(_share, f"the term {term} in the acceleration of {name}")
@@ -507,7 +489,6 @@ def _explained(say: Callable[[float], str], start: Floats, left: Floats) -> Iter
 
 
 def _is_left(start: Floats, left: Floats) -> bool:
-    """Return whether anything is left of a difference."""
     return not bool(np.abs(left).max() <= EXPLAINED * np.abs(start).max() + ROUNDING)
 
 
@@ -524,7 +505,6 @@ def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
 
 
 def _subsets(count: int) -> Iterator[list[int]]:
-    """Yield which of some coordinates may be meant, few of them first."""
     for size in range(1, (count if count <= MANY else 2) + 1):
         yield from map(list, itertools.combinations(range(count), size))
 
@@ -534,7 +514,6 @@ def _all(names: Sequence[str]) -> str:
 
 
 def _only(array: Floats, index: Any) -> Floats:
-    """Return an array with all but some of it zero."""
     found = np.zeros_like(array)
     found[index] = array[index]
     return found
@@ -547,7 +526,6 @@ def _exchanges(count: int) -> Iterator[tuple[int, int, list[int]]]:
 
 
 def _least(function: Callable[[float], float], low: float, high: float) -> float:
-    """Return about where a function of one number is least."""
     from scipy.optimize import minimize_scalar
 
     reach = 0.1 * (high - low) or 0.1

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import jitable, kernel
+from afl_mujoco.plants.plant import Floats
 
-Floats = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 
@@ -61,7 +61,6 @@ def _add(factor, vector, out):
 
 @jitable
 def _add_turned(matrix, vector, out):
-    """Add a matrix times a vector."""
     for i in range(3):
         for j in range(3):
             out[i] += matrix[i, j] * vector[j]
@@ -69,7 +68,6 @@ def _add_turned(matrix, vector, out):
 
 @jitable
 def _add_cross(a, b, out):
-    """Add a x b."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] += a[j] * b[k] - a[k] * b[j]
@@ -92,10 +90,7 @@ def _turn_by(frame, quat):
 
 @jitable
 def _momentum(mass, moment, inertia, motion, out):
-    """Fill I V: angular about the world's origin, and linear.
-
-    mass, moment, inertia: Of a rigid body about the origin: m, m c and R I R' + m (c c 1 - c c').
-    """
+    """Fill I V, of m, m c and R I R' + m (c c 1 - c c') about the world's origin."""
     for i in range(3):
         out[0, i], out[1, i] = 0.0, mass * motion[1, i]
     _add_turned(inertia, motion[0], out[0])
@@ -159,10 +154,7 @@ def _kinematics(tree, q, v, place, frame, motion, velocity, acceleration, owner)
 
 @jitable
 def _move_origin(tree, place, motion, velocity, acceleration, energy):
-    """Put the origin between the bodies: moments about one far away cancel to rounding.
-
-    A linear part at c is that at 0 plus w x c. The weight counts from the world's origin.
-    """
+    """Put the origin between the bodies: moments about one far away cancel to rounding."""
     middle, bodies = np.zeros(3), len(place)
     for b in range(1, bodies):
         _add(1.0 / (bodies - 1), place[b], middle)
@@ -243,7 +235,6 @@ def _carries(parent, low, high):
 
 @jitable
 def _power(motion, force):
-    """Return the power of a force on a motion."""
     total = 0.0
     for i in range(3):
         total += motion[0, i] * force[0, i] + motion[1, i] * force[1, i]
@@ -303,13 +294,7 @@ def _collect(tree, q, v, motion, owner, moment, inertia, force, mass, bias, ener
 
 @kernel
 def terms(tree, q, v, mass, bias, inputs, energy):
-    """Fill M, h and B of ``M v' + h = B u``, and the kinetic and potential energy.
-
-    Where bodies drift, h has what that needs, and the energies do not count.
-
-    q, v: Coordinates and rates, shape (n,).
-    mass, bias, inputs, energy: Shapes (n, n), (n,), (n, k), (2,) [J].
-    """
+    """Fill M, h and B, and the two energies, which do not count where bodies drift."""
     bodies, n = len(tree.parent), len(q)
     place, frame, owner = np.zeros((bodies, 3)), np.zeros((bodies, 3, 3)), np.zeros(n, np.int64)
     motion, velocity = np.zeros((n, 2, 3)), np.zeros((bodies, 2, 3))

@@ -25,10 +25,8 @@ from afl_mujoco.plants.features import (
     require_describable,
 )
 from afl_mujoco.plants.library import mujoco
-from afl_mujoco.plants.plant import Plant, Shape
+from afl_mujoco.plants.plant import Floats, Plant, Shape
 from afl_mujoco.values import require_finite
-
-Floats = NDArray[np.float64]
 
 FIELDS = {
     "body mass": ("body_mass", 1), "body ipos": ("body_ipos", 3), "body pos": ("body_pos", 3),
@@ -42,11 +40,8 @@ FIELDS = {
 
 WORLD = "world"
 
-SMALLEST = float(mujoco.mjMINVAL)
-"""MuJoCo refuses masses and inertias of moving bodies below this."""
-
-SAME = 1e-12
-"""Rows from arrays and one by one agree to this: NumPy's powers round differently."""
+SMALLEST = float(mujoco.mjMINVAL)  # MuJoCo refuses masses and inertias of moving bodies below this
+SAME = 1e-12  # rows from arrays and one by one agree to this: NumPy's powers round differently
 
 
 class Target(NamedTuple):
@@ -58,7 +53,6 @@ class Target(NamedTuple):
     item: int
 
     def __str__(self) -> str:
-        """Return it as ``write`` names it."""
         scalar = FIELDS[f"{self.kind} {self.field}"][1] == 1
         parts = (self.kind, self.name, self.field, "" if scalar else str(self.item))
         return " ".join(filter(None, parts))
@@ -78,25 +72,17 @@ DRIFTS = {"body_pos": 0, "body_ipos": 2, "body_inertia": 4}
 
 
 class PlantModel:
-    """A plant's MuJoCo model, its parameters at their nominal values until others are written.
-
-    compared: Without what the comparison with equations leaves out.
-    alter: Changes the description before it is compiled: its options, or what it has.
-    """
+    """A plant's MuJoCo model, at first nominal; `compared` as equations can describe it."""
 
     def __init__(
-        self,
-        plant: Plant,
-        *,
-        compared: bool = False,
-        alter: Callable[[Any], None] | None = None,
+        self, plant: Plant, *, compared: bool = False, alter: Callable[[Any], None] | None = None
     ) -> None:
         self.plant = plant
         self.details: dict[str, float] = dict(plant.details)
         self._spec = spec = _read(plant)
         self._require_names()
-        self.targets, values = self._targets(self._written(self._named(plant.nominal)))
-        self.last = np.array(values)
+        values = self._first(self._written(plant.nominal))
+        self.targets, self.last = [*values], np.array([*values.values()])
         require_compiler(spec)
         self._freeze_inertias()
         self.require(self.last[None])
@@ -114,9 +100,8 @@ class PlantModel:
         self._base = {name: np.array(x) for name, x in self._tree_fields(m).items()}
         self._require_kept()
         self._require_parameters_used()
-        self.drift(
-            plant.nominal[None], plant.entering[None].astype(np.float64)
-        )  # raises for a mass
+        # raises for a mass
+        self.drift(plant.nominal[None], plant.entering[None].astype(np.float64))
 
     @cached_property
     def _compared(self) -> dict[str, list[str]]:
@@ -125,12 +110,6 @@ class PlantModel:
             place: [x for x in dir(holder) if x[0] != "_" and _is_numbers(getattr(holder, x))]
             for place, holder in (("model", self.mj_model), ("opt", self.mj_model.opt))
         }
-
-    def _named(self, values: Floats) -> Any:
-        """Return parameters by name, with the details of the plant."""
-        p = self.plant.named(values)
-        vars(p).update(self.details)
-        return p
 
     def _require_names(self) -> None:
         """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
@@ -161,10 +140,12 @@ class PlantModel:
             if not np.array_equal(self.plant.limits[i], own if limited else (-np.inf, np.inf)):
                 raise InvalidValueError(f"actuator {name!r}", rule.format("ctrlrange"))
 
-    def _written(self, p: Any) -> Mapping[str, Any]:
-        """Return what the plant's ``write`` returns, or raise."""
+    def _written(self, values: Floats) -> Mapping[str, Any]:
+        """Return what ``write`` returns for parameters, and the details of the plant."""
         if self.plant.write is None:
             return {}
+        p = self.plant.named(values)
+        vars(p).update(self.details)
         given = dict(vars(p))
         with told_of("write", given=p):
             found = self.plant.write(p)
@@ -174,18 +155,16 @@ class PlantModel:
             raise InvalidValueError("write", "must not change p, but does")
         return found
 
-    def _targets(self, found: Mapping[str, Any]) -> tuple[list[Target], list[float]]:
-        """Return what is written, number by number, and the first values."""
+    def _first(self, found: Mapping[str, Any]) -> dict[Target, float]:
         values: dict[Target, float] = {}
         for target, value in self._numbers(found):
             if target in values:
                 raise InvalidValueError(f"write: {target}", "must be written once, but is twice")
             _holder(self._spec, target)  # raises if there is none
             values[target] = require_finite(f"write: {target}", value)
-        return [*values], [*values.values()]
+        return values
 
     def _numbers(self, found: Mapping[str, Any]) -> Iterator[tuple[Target, Any]]:
-        """Yield every number with its target."""
         for key, value in found.items():
             if isinstance(value, Shape):
                 kind, _, name = str(key).partition(" ")
@@ -256,23 +235,22 @@ class PlantModel:
         if not self.targets:
             return np.empty((len(table), 0))
         if len(table) == 1:
-            return self._row(self._named(table[0]), 1)
+            return self._row(table[0])
         try:
-            fast = self._row(self._named(table), len(table))
+            fast = self._row(table)
         except AflMujocoError:
             fast = None  # a write that knows no arrays
         seen = sorted({0, len(table) // 2, len(table) - 1})
-        slow = np.array([self._row(self._named(table[i]), 1)[0] for i in seen])
+        slow = np.array([self._row(table[i])[0] for i in seen])
         if fast is not None and np.allclose(fast[seen], slow, rtol=SAME, atol=0.0):
             return fast
-        return np.array([self._row(self._named(row), 1)[0] for row in table])
+        return np.array([self._row(row)[0] for row in table])
 
-    def _row(self, p: Any, count: int) -> Floats:
-        """Return rows from what ``write`` returns for floats or arrays."""
-        numbers = dict(self._numbers(self._written(p)))
+    def _row(self, values: Floats) -> Floats:
+        numbers = dict(self._numbers(self._written(values)))
         if others := numbers.keys() ^ set(self.targets):
             raise InvalidValueError(f"write: {min(others)}", "must be written for every p")
-        columns = np.empty((len(self.targets), count))
+        columns = np.empty((len(self.targets), 1 if values.ndim == 1 else len(values)))
         for target, column in zip(self.targets, columns, strict=True):
             try:
                 column[:] = np.asarray(numbers[target], float)
@@ -282,12 +260,7 @@ class PlantModel:
         return columns.T.copy()
 
     def drift(self, parameters: Floats, rates: Floats) -> Floats:
-        """Return how bodies move in their frames where parameters have rates, or raise.
-
-        parameters, rates: Shape (N, parameters), a rate that does not act 0.
-        Returns ndarray: First and second derivatives in time of body_pos and of body_ipos, and the
-            first of body_inertia, shape (N, bodies, 5, 3).
-        """
+        """Return first and second derivatives of body_pos and body_ipos, first of inertia."""
         found = np.zeros((len(parameters), self.mj_model.nbody, 5, 3))
         size = np.maximum(np.abs(parameters), 1e-3 * np.maximum(np.abs(self.plant.nominal), 1e-3))
         with np.errstate(divide="ignore"):
@@ -382,7 +355,6 @@ class PlantModel:
                 raise InvalidValueError(f"parameter {name!r}", rule)
 
     def _held(self, field: str) -> Any:
-        """Return the array of a field that is written."""
         return self.mj_model.opt.gravity if field == "gravity" else getattr(self.mj_model, field)
 
     @property
@@ -459,7 +431,6 @@ class PlantModel:
 
     @staticmethod
     def _tree_fields(m: Any) -> dict[str, Any]:
-        """Return what a tree is made of."""
         same = (
             *("body_pos", "body_quat", "body_ipos", "body_iquat", "body_mass", "body_inertia"),
             *("jnt_axis", "jnt_pos", "dof_damping", "dof_armature", "actuator_gear"),
@@ -485,7 +456,6 @@ class PlantModel:
 
 
 def _is_numbers(held: Any) -> bool:
-    """Return whether what a model holds is one or more numbers."""
     return isinstance(held, np.ndarray | int | float) and np.size(held) > 0
 
 
@@ -512,7 +482,6 @@ def _parsed(key: Any) -> tuple[Target, int]:
 
 
 def _holder(spec: Any, target: Target) -> tuple[Any, str]:
-    """Return what holds a target in a description, and the attribute."""
     if target.kind == "option":
         return spec.option, target.field
     found = getattr(spec, target.kind)(target.name)
@@ -524,7 +493,6 @@ def _holder(spec: Any, target: Target) -> tuple[Any, str]:
 
 
 def _read(plant: Plant) -> Any:
-    """Return the description of a plant's MJCF."""
     path = plant.model if isinstance(plant.model, Path) else None
     if path and not path.is_file():
         raise FileError(str(path), "cannot be read: no such file")
@@ -538,5 +506,4 @@ def _read(plant: Plant) -> Any:
 
 
 def _one_line(error: Exception) -> str:
-    """Return MuJoCo's words without their line breaks."""
     return " ".join(str(error).removeprefix("Error: ").split())

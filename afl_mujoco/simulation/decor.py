@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import model_file
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, shown
 from afl_mujoco.simulation.poses import Track, corners, drawn_geoms
@@ -31,8 +31,6 @@ PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
 MARK: Colour = (0.62, 0.66, 0.72, 1.0)
 STOP: Colour = (0.84, 0.37, 0.0, 1.0)
 LIMIT: Colour = (1.0, 0.69, 0.4, 1.0)
-
-Floats = NDArray[np.float64]
 
 
 def drawn_model(scenario: Scenario, **settings: object) -> SimulatedModel:

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.report.style import BLACK, LENGTH, MASS, SKY, TIME, new_figure, styled
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.simulation.trajectory import Layout, Trajectory
@@ -57,7 +57,7 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
     return figure
 
 
-_Panel = tuple[str, NDArray[np.float64], NDArray[np.float64] | None]
+_Panel = tuple[str, Floats, Floats | None]
 
 
 def _panels(run: Trajectory) -> list[_Panel]:
@@ -76,7 +76,6 @@ def _panels(run: Trajectory) -> list[_Panel]:
 
 
 def _label(name: str, layout: Layout) -> str:
-    """Return the label of an axis."""
     words = _WORDS.get(name, symbol(name))
     unit = layout.units.get(name, "")
     return f"{words} [{unit}]" if unit and "[" not in words else words

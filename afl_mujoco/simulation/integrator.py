@@ -6,16 +6,17 @@ a compiled one; SciPy integrates any other, and by any other method. RK4 takes e
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import DOP853, solve_ivp
 
 from afl_mujoco.compiled import jitable
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -37,7 +38,7 @@ STAGES, ROWS = 12, 16
 """Stages of a step; rows with the stage at its end and three more for the dense output."""
 
 
-def work_space(states: int) -> NDArray[np.float64]:
+def work_space(states: int) -> Floats:
     """Return the work space of `solve`: compiled code that makes no arrays counts no references."""
     return np.empty((ROWS + 9, states))
 
@@ -78,11 +79,7 @@ def _stage(rates, arguments, time, state, step, slopes, row, point):
 
 @jitable
 def try_step(rates, arguments, time, state, step, slopes, after):
-    """Write the stages of a step and the state after it.
-
-    time, state, step: Start of the step [s], state there, and length of the step [s].
-    after: Takes the state.
-    """
+    """Write the stages of a step, and into `after` the state after it."""
     for row in range(1, STAGES + 1):
         _stage(rates, arguments, time, state, step, slopes, row, after)
 
@@ -187,10 +184,7 @@ def _crossing(limits, fitted, state, point):
 
 @jitable
 def _take_step(rates, arguments, time, end, state, step, options, slopes, after):
-    """Take a step that is short enough; return its end [s] and the factor for the next step.
-
-    If no step is short enough, the end returned is the start.
-    """
+    """Take a step that is short enough; return its end, the start if none is, and a factor."""
     rtol, atol, longest = options
     least = 10.0 * abs(np.nextafter(time, np.inf) - time)  # as SciPy's: shorter is round-off
     step, rejected = max(min(step, longest), least), False  # a segment may be shorter
@@ -219,23 +213,11 @@ def _report(fitted, time, state, reached, after, last, times, count, found):
 
 
 @jitable
-def _crossed(limits, state, after):
-    """Return whether a step goes across an end of the run."""
-    return (limit_margin(limits, state) >= 0.0) != (limit_margin(limits, after) >= 0.0)
-
-
-@jitable
 def solve(rates, arguments, limits, start, end, state, times, options, work, found):
-    """Integrate over a segment; return the number of times reached, and when and how it ended.
+    """Integrate over a segment, overwriting `state`, with states at `times` into `found`.
 
-    limits: The `Criterion` by which the run ends.
-    start, end: The segment [s].
-    state: State at the start; overwritten by the state at the end.
-    times: Times at which to report the state [s], increasing, within the segment, shape (N,).
-    options: ``(rtol, atol, longest step [s])``.
-    found: Takes the states at the times, shape (N, states).
-    Returns tuple: How many of the times were reached, the time of the end [s], and `REACHED`,
-        `STOPPED` or `STUCK`.
+    Options are ``(rtol, atol, longest step [s])``. Return how many of the times were reached, the
+    time of the end [s], and `REACHED`, `STOPPED` or `STUCK`.
     """
     rtol, atol, longest = options
     slopes, fitted, after, point = work[:ROWS], work[ROWS : ROWS + 7], work[ROWS + 7], work[-1]
@@ -256,7 +238,8 @@ def solve(rates, arguments, limits, start, end, state, times, options, work, fou
         if reached == time:
             return count, time, STUCK
         step = reached - time
-        last, crossed = reached, _crossed(limits, state, after)
+        last = reached
+        crossed = (limit_margin(limits, state) >= 0.0) != (limit_margin(limits, after) >= 0.0)
         # three more stages, only where a state between the ends of the step is asked for
         if crossed or (count < total and times[count] < reached):
             _fit(rates, arguments, time, state, after, step, slopes, fitted, point)
@@ -274,10 +257,7 @@ def solve(rates, arguments, limits, start, end, state, times, options, work, fou
 
 @jitable
 def rk4_step(rates, arguments, time, step, state, work, after):
-    """Write the state after a textbook RK4 step.
-
-    work: Work space, shape (5, states) or longer: the slopes of four stages, the state of a stage.
-    """
+    """Write the state after a textbook RK4 step; `work` has five rows or more."""
     point = work[4]
     rates(arguments, time, state, work[0])
     for row in range(1, 4):
@@ -308,16 +288,13 @@ def solve_rk4(rates, arguments, limits, start, end, state, times, options, work,
     return len(times), time, REACHED
 
 
-Derivative = Callable[[float, NDArray[np.float64], Segment], Sequence[float]]
+Derivative = Callable[[float, Floats, Segment], Sequence[float]]
 """(time, state, segment) -> its rate of change; NaN where the controller has no value."""
 
-Transition = Callable[[NDArray[np.float64], Segment | None, Segment], NDArray[np.float64]]
+Transition = Callable[[Floats, Segment | None, Segment], Floats]
 """(state, segment before or None at the start, segment after) -> the state after the breakpoint."""
 
-Solver = Callable[
-    [Segment, NDArray[np.float64], NDArray[np.float64]],
-    tuple[NDArray[np.float64], Outcome | None],
-]
+Solver = Callable[[Segment, Floats, Floats], tuple[Floats, Outcome | None]]
 """(segment, state at its start, times in it up to its end) -> states at the times reached, and how
 the run ended if it did before the segment's end."""
 
@@ -333,7 +310,7 @@ MAX_STEP = 0.02
 MIN_RTOL = 100 * np.finfo(float).eps
 """Least relative tolerance: below it, the integrator would silently use this value."""
 
-NO_NODES: Mapping[str, NDArray[np.float64]] = {}
+NO_NODES: Mapping[str, Floats] = {}
 
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
@@ -342,12 +319,12 @@ def _events(criterion: Criterion, states: int) -> tuple[Callable[..., float], ..
     """Return functions of time and state that are zero where a run falls, and where it diverges."""
     ends = np.isfinite(criterion.ends)
 
-    def falls(time: float, state: NDArray[np.float64]) -> float:
+    def falls(time: float, state: Floats) -> float:
         each = zip(state, criterion.target, criterion.wraps, strict=False)
         away = np.abs([deviation(*one) for one in each])
         return float((criterion.ends - away)[ends].min(initial=1.0))
 
-    def diverges(time: float, state: NDArray[np.float64]) -> float:
+    def diverges(time: float, state: Floats) -> float:
         return STATE_LIMIT - float(np.abs(state[:states]).max())
 
     falls.terminal = diverges.terminal = True  # type: ignore[attr-defined]
@@ -358,25 +335,23 @@ def integrate(
     scenario: Scenario,
     solver: Solver,
     transition: Transition,
-    times: NDArray[np.float64],
+    times: Floats,
     *,
-    nodes: Mapping[str, NDArray[np.float64]] = NO_NODES,
+    nodes: Mapping[str, Floats] = NO_NODES,
     quadratures: int = 0,
-) -> tuple[NDArray[np.float64], Outcome]:
-    """Integrate a scenario from breakpoint to breakpoint, and from node to node of the gains.
+) -> tuple[Floats, Outcome]:
+    """Return states at `times` [s] that a run reached, and its end, from breakpoint to breakpoint.
 
-    Error control does not see all of the error of a step across a kink: none steps across one.
-
-    times: Times at which to report the state [s], increasing, from 0 to the horizon, shape (N,).
-    nodes: Values of parameters, by name, at which the right-hand side is not smooth.
-    Returns ndarray: The state at the times that the run reached, shape (K, 2 n + quadratures).
+    Error control does not see all of the error of a step across a kink: none steps across one, or
+    across `nodes`, values of parameters at which the right-hand side is not smooth.
     """
     state = np.array([*scenario.initial_state, *[0.0] * quadratures])
-    criterion = criterion_of(scenario)
-    reached: list[NDArray[np.float64]] = []
+    criterion, starts = criterion_of(scenario), {one.start for one in scenario.segments}
+    reached: list[Floats] = []
     before: Segment | None = None
-    for segment, arrives in _smooth_parts(scenario, nodes):
-        if arrives:
+    cuts = (one.cut_at(one.passes(scenario.schedule, nodes)) for one in scenario.segments)
+    for segment in itertools.chain.from_iterable(cuts):  # smooth parts of segments
+        if segment.start in starts:
             state = transition(state, before, segment)
         before = segment
         last = segment.end == scenario.duration
@@ -391,15 +366,6 @@ def integrate(
             return np.concatenate(reached), outcome
         state = samples[-1]
     return np.concatenate(reached), Outcome(COMPLETED, scenario.duration)
-
-
-def _smooth_parts(
-    scenario: Scenario, nodes: Mapping[str, NDArray[np.float64]]
-) -> Iterator[tuple[Segment, bool]]:
-    """Yield the segments, cut where a parameter passes a node; True for what begins one."""
-    for segment in scenario.segments:
-        for part in segment.cut_at(segment.passes(scenario.schedule, nodes)):
-            yield part, part.start == segment.start
 
 
 def require_tolerances(method: str, rtol: float, atol: float) -> None:
@@ -426,32 +392,32 @@ def scipy_solver(
 ) -> Solver:
     """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
     require_tolerances(method, rtol, atol)
+    settings: Any = {"method": method, "rtol": rtol, "atol": atol, "max_step": longest}
+    settings["events"] = _events(criterion, 2 * len(criterion.target))
 
-    def solve(
-        segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], Outcome | None]:
-        def right_hand_side(time: float, state: NDArray[np.float64]) -> Sequence[float]:
+    def solve(segment: Segment, state: Floats, times: Floats) -> tuple[Floats, Outcome | None]:
+        def right_hand_side(time: float, state: Floats) -> Sequence[float]:
             return derivative(time, state, segment)
 
+        span = (segment.start, segment.end)
         if not np.isfinite(right_hand_side(segment.start, state)).all():
-            return np.atleast_2d(state), Outcome(_ending(criterion, state), segment.start)
-        solution = solve_ivp(  # type: ignore[call-overload]
-            right_hand_side,
-            (segment.start, segment.end),
-            state,
-            method=method,
-            t_eval=times,
-            rtol=rtol,
-            atol=atol,
-            max_step=longest,
-            events=_events(criterion, 2 * len(criterion.target)),
-        )
-        samples = np.reshape(solution.y, (len(state), -1)).T
-        return samples, None if solution.status == 0 else _premature_end(
-            solution, segment, criterion
-        )
+            return np.atleast_2d(state), _stuck(criterion, state, segment.start)
+        found: Any = solve_ivp(right_hand_side, span, state, t_eval=times, **settings)
+        samples, (fell, diverged) = np.reshape(found.y, (len(state), -1)).T, found.t_events
+        if found.status == 0:
+            return samples, None
+        if len(fell):
+            return samples, Outcome(FELL, float(fell[0]))
+        if len(diverged) or not len(found.t):
+            return samples, Outcome(DIVERGED, float((*diverged, segment.start)[0]))
+        return samples, _stuck(criterion, found.y[:, -1], found.t[-1])
 
     return solve
+
+
+def _stuck(criterion: Criterion, state: Floats, time: float) -> Outcome:
+    """Return how a run has ended that cannot continue from a state."""
+    return Outcome(OUTCOMES[ending_of(criterion, state)], float(time))
 
 
 def compiled_solver(
@@ -461,24 +427,22 @@ def compiled_solver(
     atol: float = ATOL,
     longest: float = MAX_STEP,
 ) -> Solver:
-    """Return the compiled integrator as `integrate` takes it.
-
-    longest: Longest step [s].
-    """
+    """Return the compiled integrator, its steps up to a longest [s], for `integrate`."""
     options = (rtol, atol, longest)
     work = work_space(2 * len(criterion.target))
 
     def integrate_segment(
-        segment: Segment, state: NDArray[np.float64], times: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], Outcome | None]:
+        segment: Segment, state: Floats, times: Floats
+    ) -> tuple[Floats, Outcome | None]:
         state, found = state.copy(), np.empty((len(times), len(state)))
         count, time, status = solve(segment, state, times, options, work, found)
         samples = found[:count]
         if status == REACHED:
             return samples, None
         nearer = criterion._replace(ends=criterion.ends - 1e-9)
-        fell = status == STOPPED and has_ended(nearer, state)
-        return samples, Outcome(FELL if fell else _ending(criterion, state), float(time))
+        if status == STOPPED and has_ended(nearer, state):
+            return samples, Outcome(FELL, float(time))
+        return samples, _stuck(criterion, state, time)
 
     return integrate_segment
 
@@ -502,20 +466,3 @@ def limit_margin(limits, state):
         away = abs(deviation(state[i], limits.target[i], limits.wraps[i]))
         margin = min(margin, limits.ends[i] - away)
     return margin
-
-
-def _premature_end(solution: Any, segment: Segment, criterion: Criterion) -> Outcome:
-    """Return how a run ended in a segment that did not reach its end."""
-    fell, diverged = solution.t_events
-    if len(fell):
-        return Outcome(FELL, float(fell[0]))
-    if len(diverged):
-        return Outcome(DIVERGED, float(diverged[0]))
-    if not len(solution.t):
-        return Outcome(DIVERGED, segment.start)
-    return Outcome(_ending(criterion, solution.y[:, -1]), float(solution.t[-1]))
-
-
-def _ending(criterion: Criterion, state: NDArray[np.float64]) -> str:
-    """Return how a run that cannot continue from `state` has ended."""
-    return OUTCOMES[ending_of(criterion, state)]

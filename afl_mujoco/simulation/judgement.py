@@ -13,17 +13,12 @@ from numpy.typing import NDArray
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import (
-    COMPLETED,
-    Outcome,
-    Trajectory,
-)
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
 
-DWELL = 1.0
-"""How long a run must stay settled, up to its end, to count as settled [s]."""
+DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Judgement:
     """One requirement, and how a run meets it."""
 
@@ -65,7 +60,6 @@ def least_margin(requirements: Iterable[Judgement]) -> float | None:
 
 
 def _margin(one: Judgement) -> float:
-    """Return a margin to compare with others."""
     return -math.inf if one.margin is None else one.margin
 
 
@@ -78,23 +72,15 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 def judge_ending(
     scenario: Scenario, outcome: Outcome, peaks: Sequence[float]
 ) -> tuple[Judgement, ...]:
-    """Judge a run by what needs no record of it: whether it completes and spares the end stops.
-
-    peaks: The largest magnitude of each coordinate.
-    """
+    """Judge by what needs no record: if it completes, and the largest coordinates."""
     required, completed = scenario.required, outcome.kind == COMPLETED
     found = []
     if "completes" in required:
-        reached = scenario.duration if completed else outcome.time
-        left = (reached - scenario.duration) / scenario.duration
-        found.append(
-            Judgement(
-                requirement="completes",
-                limit=scenario.duration,
-                value=reached,
-                margin=left if completed or left < 0.0 else None,  # it may fall at the very end
-            )
-        )
+        duration = scenario.duration
+        reached = duration if completed else outcome.time
+        left = (reached - duration) / duration
+        margin = left if completed or left < 0.0 else None  # it may fall at the very end
+        found.append(Judgement("completes", duration, reached, margin))
     if "end_stops" in required:
         stops = scenario.imperfections.end_stops
         of = dict(zip(scenario.plant.coordinates, peaks, strict=False))
@@ -104,19 +90,12 @@ def judge_ending(
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
-    """Judge a run without a result, because its controller failed: no requirement is met.
-
-    Completing the run counts as one of them even if the scenario does not require it.
-    """
+    """Judge a run whose controller failed: it misses every requirement, and completing."""
     limits = {"completes": scenario.duration, **scenario.required}
-    return tuple(
-        Judgement(requirement=name, limit=limit, value=None, margin=None)
-        for name, limit in limits.items()
-    )
+    return tuple(Judgement(name, limit, None, None) for name, limit in limits.items())
 
 
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
-    """Yield one judgement for each requirement that needs the whole run."""
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
     metrics, known = run.metrics, asked_of(scenario.plant)
     inputs = scenario.plant.inputs
@@ -141,7 +120,6 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
 
 
 def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
-    """Return where a run is outside the bands of rest."""
     names = scenario.plant.coordinates
     bands = np.array([scenario.band(name) for name in names])
     return np.asarray((np.abs(run.away[:, : len(names)]) > bands).any(axis=1))
@@ -160,25 +138,17 @@ def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
     """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
     if value is None or (not completed and value <= limit):
-        return Judgement(requirement=name, limit=limit, value=value, margin=None)
-    return Judgement(requirement=name, limit=limit, value=value, margin=(limit - value) / limit)
+        return Judgement(name, limit, value, None)
+    return Judgement(name, limit, value, (limit - value) / limit)
 
 
 def _least(name: str, limit: float, value: float, completed: bool) -> Judgement:
     """Judge the least value of a signal; a run cut short can only break the limit."""
-    if not completed and value >= limit:
-        return Judgement(requirement=name, limit=limit, value=value, margin=None)
-    share = (value - limit) / (abs(limit) or 1.0)
-    return Judgement(requirement=name, limit=limit, value=value, margin=share)
+    unknown = not completed and value >= limit
+    return Judgement(name, limit, value, None if unknown else (value - limit) / (abs(limit) or 1.0))
 
 
-def _rest(
-    name: str,
-    limit: float,
-    run: Trajectory,
-    outside: NDArray[np.bool_],
-    windows: list[tuple[float, float]],
-) -> Judgement:
+def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) -> Judgement:
     """Judge the longest time, over some windows, until the state stays within its bands."""
     time, slowest, ever = run.time, 0.0, True
     for begin, end in windows:
@@ -189,10 +159,7 @@ def _rest(
             rest = time[following] if following < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
         slowest, ever = max(slowest, lasted), ever and bool(rest < end)
-    return Judgement(
-        requirement=name,
-        limit=limit,
-        value=slowest if ever else None,
-        margin=(limit - slowest) / limit if ever else None,
-        graded=None if ever else (limit - slowest) / limit,
-    )
+    margin = (limit - slowest) / limit
+    if ever:
+        return Judgement(name, limit, slowest, margin)
+    return Judgement(name, limit, None, None, graded=margin)

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
@@ -24,8 +24,7 @@ Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,
 not finite, or its controller has no boundary layer)."""
 
-BANDS = {"2pc": 0.02, "5pc": 0.05}
-"""Settling bands as a share of the peak of the state."""
+BANDS = {"2pc": 0.02, "5pc": 0.05}  # settling bands as a share of the peak of the state
 
 _LABELS: Mapping[str, str] = {
     "objective": "objective OF",
@@ -60,7 +59,6 @@ def effort_names(inputs: Sequence[str], name: str) -> tuple[str, str, str, str, 
 
 
 def _parsed(key: str) -> tuple[str, str]:
-    """Return the beginning of the name of a metric of a state, and the state."""
     start = next((one for one in _OF_STATE if key.startswith(one)), "")
     return start, key.removeprefix(start)
 
@@ -77,17 +75,14 @@ def unit_of(key: str, layout: Layout = LAYOUT) -> str:
     """Return the unit of a metric as a report writes it; nothing for a pure number."""
     start, name = _parsed(key)
     if start:
-        unit = _OF_STATE[start][1].format(layout.units.get(name, ""))
-    elif key == "end_time":
-        unit = "s"
-    else:
-        own = next(
-            (x for x in layout.inputs if x in key), layout.inputs[0] if layout.inputs else ""
-        )
-        force = layout.units.get(own, "") if not key.endswith("share") else ""
-        power = {"squared": f"{force}² s"}.get(key.rpartition("_")[2], force)
-        unit = power if force and key != "objective" else ""
-    return unit.replace("^2", "²")
+        return _OF_STATE[start][1].format(layout.units.get(name, "")).replace("^2", "²")
+    if key == "end_time":
+        return "s"
+    own = next((x for x in layout.inputs if x in key), next(iter(layout.inputs), ""))
+    force = layout.units.get(own, "")
+    if not force or key == "objective" or key.endswith("share"):
+        return ""
+    return (f"{force}² s" if key.endswith("_squared") else force).replace("^2", "²")
 
 
 def metric_names(layout: Layout = LAYOUT) -> tuple[str, ...]:
@@ -122,14 +117,17 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
     if not scenario.is_cart_pole:
         return metrics_of(run)
     inputs = controller_inputs(scenario, controller, run.time)
-    ratio = controller.saturation_ratio(run.state, inputs)
-    share = None if ratio is None else _saturated_share(ratio, run.time)
-    return metrics_of(run) | {"saturated_share": share and _known(share)}
+    ratio, share = controller.saturation_ratio(run.state, inputs), None
+    if ratio is not None:  # of the time in which the switching term is saturated
+        saturated = (np.abs(ratio) >= 1.0).astype(float)
+        share = integral(saturated, run.time) / float(max(run.time[-1], 1e-300))
+    return metrics_of(run) | {"saturated_share": _known(share)}
 
 
 def metrics_of(run: Trajectory) -> Metrics:
     """Return the metrics that need the run alone, without its controller."""
     time, away, layout = run.time, run.away, run.layout
+    completed, states = run.outcome.kind == COMPLETED, dict(zip(layout.states, away.T, strict=True))
     coordinates = tuple(zip(layout.coordinates, away.T, strict=False))
     figures: Metrics = {f"iae_{name}": integral(np.abs(x), time) for name, x in coordinates}
     figures |= {f"itae_{name}": integral(time * np.abs(x), time) for name, x in coordinates}
@@ -142,20 +140,18 @@ def metrics_of(run: Trajectory) -> Metrics:
         variation = float(np.abs(np.diff(force, prepend=0.0)).sum())
         largest = (float(np.abs(command).max()), float(np.abs(force).max()))
         values = (*largest, squares(force**2, time), variation, 0.0)
-        figures |= dict(zip((*names[:2], names[2], names[3], names[4]), values, strict=True))
+        figures |= dict(zip(names, values, strict=True))
     figures |= {"end_time": run.outcome.time, **run.effort}
-    for name, x in (*zip(layout.states, away.T, strict=True), *run.signals.items()):
-        figures[f"peak_{name}"] = float(np.abs(x).max())
-    for name, x in run.signals.items():
-        figures[f"least_{name}"] = float(x.min())
-    for name, x in zip(layout.states, away.T, strict=True):
+    figures |= {
+        f"peak_{x}": float(np.abs(y).max()) for x, y in (states | dict(run.signals)).items()
+    }
+    figures |= {f"least_{name}": float(x.min()) for name, x in run.signals.items()}
+    for name, x in states.items():
         figures[f"overshoot_{name}"] = _overshoot(x)
         for label, share in BANDS.items():
-            settled = run.outcome.kind == COMPLETED
-            figures[f"settling_{label}_{name}"] = (
-                _settling_time(time, x, share) if settled else None
-            )
-    if run.outcome.kind != COMPLETED:  # an integral over part of the horizon cannot be compared
+            settled = _settling_time(time, x, share) if completed else None
+            figures[f"settling_{label}_{name}"] = settled
+    if not completed:  # an integral over part of the horizon cannot be compared
         figures |= dict.fromkeys(integrals)
     return {name: _known(value) for name, value in figures.items()}
 
@@ -165,29 +161,22 @@ def _known(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def integral(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
+def integral(values: Floats, time: Floats) -> float:
     """Return the integral over time by the trapezoidal rule."""
     return float(np.trapezoid(values, time))
 
 
-def _staircase(values: NDArray[np.float64], time: NDArray[np.float64]) -> float:
-    """Return the integral over time of values that are each held until the next instant."""
+def _staircase(values: Floats, time: Floats) -> float:
     return float(values[:-1] @ np.diff(time))
 
 
-def _saturated_share(ratio: NDArray[np.float64], time: NDArray[np.float64]) -> float:
-    """Return the share of the time in which the switching term is saturated."""
-    saturated = (np.abs(ratio) >= 1.0).astype(float)
-    return integral(saturated, time) / float(max(time[-1], 1e-300))
-
-
-def _overshoot(x: NDArray[np.float64]) -> float:
+def _overshoot(x: Floats) -> float:
     """Return how far a state passes its target 0, or leaves it if it starts there."""
     start = x[0]
     return float(max(0.0, (-np.sign(start) * x).max())) if start else float(np.abs(x).max())
 
 
-def _settling_time(time: NDArray[np.float64], x: NDArray[np.float64], share: float) -> float | None:
+def _settling_time(time: Floats, x: Floats, share: float) -> float | None:
     """Return when the state enters the band around 0 for good; None if it ends outside."""
     outside = np.flatnonzero(np.abs(x) > share * np.abs(x).max())
     if not len(outside):

@@ -23,7 +23,7 @@ from afl_mujoco.plants.library import (
     mujoco,
     write_row,
 )
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -45,29 +45,9 @@ WRITTEN = {"damping": "damping", "dry_friction": "frictionloss", "armature": "ar
 """Imperfections that a plant may write itself, and as what."""
 
 
-def passive_arrays(
-    compiled: Mapping[str, NDArray[Any]], imperfections: Imperfections, coordinates: tuple[str, ...]
-) -> dict[str, NDArray[Any]]:
-    """Return the fields of MjModel with the passive physics of `imperfections`."""
-    arrays, r = {name: array.copy() for name, array in compiled.items()}, imperfections
-    for i, name in enumerate(coordinates):
-        arrays["dof_damping"][i] += r.at(f"damping.{name}")
-        arrays["dof_armature"][i] += r.at(f"armature.{name}")
-        if (friction := r.at(f"dry_friction.{name}")) > 0.0:
-            arrays["dof_frictionloss"][i] += friction
-            arrays["dof_solref"][i], arrays["dof_solimp"][i] = FRICTION_SOLREF, FRICTION_SOLIMP
-        if (stop := r.at(f"end_stops.{name}")) is not None:
-            arrays["jnt_limited"][i] = True
-            arrays["jnt_range"][i] = -stop, stop
-            arrays["jnt_solref"][i] = STOP_SOLREF
-    return arrays
-
-
 INTEGRATORS = {
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    name: getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}")
+    for name in ("RK4", "Euler", "implicit", "implicitfast")
 }
 """MuJoCo's integrators by their MJCF name."""
 
@@ -95,7 +75,7 @@ class Addresses(NamedTuple):
     # of masses of bodies, their orientations, those of their inertias, their centres and velocities
     bodies: NDArray[np.int64]
     parents: NDArray[np.int64]  # which body carries each
-    work: NDArray[np.float64]  # work space of `rate_forces`
+    work: Floats  # work space of `rate_forces`
     structures: NDArray[np.int64]  # of the model and of scratch data, for `library.write_row`
     targets: NDArray[np.int64]  # of what a row of the writer has
 
@@ -132,10 +112,7 @@ def write_state(at, state):
 
 @kernel
 def forward(at, state, inputs, forces, out):
-    """Write MuJoCo's accelerations for a state, inputs and generalised forces.
-
-    state, inputs, forces, out: Shapes (2 n,), (k,), (n,), (n,).
-    """
+    """Write MuJoCo's accelerations for a state, inputs and generalised forces."""
     write_state(at, state)
     write_numbers(at.ctrl, inputs)
     write_numbers(at.applied, forces)
@@ -172,7 +149,6 @@ def _turned(address, vector, out):
 
 @jitable
 def _crossed(a, b, factor, out):
-    """Add a multiple of a x b."""
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
         out[i] += factor * (a[j] * b[k] - a[k] * b[j])
@@ -184,10 +160,8 @@ def rate_forces(at, drift, state, kick, out):
 
     Each body needs a force m r'' beside that of a plant whose parameters stay, for what its centre
     moves in its own frame and its frame in that of each body that carries it, 2 w x u + R d'', and
-    a torque I' w; -J' of these is what acts. They are computed by MuJoCo's own kinematics.
-
-    drift: What `PlantModel.drift` returns, flat, shape (bodies * 15,).
-    kick: Whether it is of a jump of the rates, which is an impulse of d''; the state is at rest.
+    a torque I' w; -J' of these is what acts, by MuJoCo's own kinematics. With `kick` it is of a
+    jump of the rates, an impulse of d''; the state is at rest.
     """
     write_state(at, state)
     jump = 3 if kick else 0
@@ -228,16 +202,8 @@ def rate_forces(at, drift, state, kick, out):
         mj_apply_ft(at.model, at.data, wrench[0], wrench[1], centres + 24 * b, b, out.ctypes.data)
 
 
-def carried_momenta(
-    model: SimulatedModel,
-    values: NDArray[np.float64],
-    rates: NDArray[np.float64],
-    state: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the momenta that rates of parameters give a plant at rest, N p', shape (n,).
-
-    The parameters are written into the model.
-    """
+def carried_momenta(model: SimulatedModel, values: Floats, rates: Floats, state: Floats) -> Floats:
+    """Write parameters; return the momenta that rates give a plant at rest, N p'."""
     model.write(values)
     n = model.addresses.n
     found, at_rest = np.empty(n), np.concatenate([state[:n], np.zeros(n)])
@@ -247,11 +213,7 @@ def carried_momenta(
 
 
 class SimulatedModel:
-    """A plant's MuJoCo model whose parameters and imperfections can be changed while it runs.
-
-    It has the nominal parameters at first. Settings are those of `CartPoleModel`, which is the
-    public one.
-    """
+    """A plant's MuJoCo model, at first nominal, which can be changed while it runs."""
 
     def __init__(
         self,
@@ -283,97 +245,61 @@ class SimulatedModel:
             self.set_imperfections(imperfections)
 
     def drive(self, data: mujoco.MjData) -> None:
-        """Make `data` the state that compiled code reads and writes.
-
-        Parameters
-        ----------
-        data
-            An MjData of this model, for example that of a dm_control Physics.
-        """
+        """Make `data`, as of a dm_control Physics, what compiled code works on."""
         self.mj_data = data
         self.addresses = _addresses(self, data)
 
-    def write(self, values: NDArray[np.float64]) -> None:
-        """Change the plant: absolute values, derived constants refreshed, state kept.
-
-        Parameters
-        ----------
-        values
-            The new parameters, shape (parameters,).
-        """
+    def write(self, values: Floats) -> None:
+        """Change the parameters: derived constants refreshed, state kept."""
         write_row(self.addresses.structures, self.addresses.targets, self.rows(values)[0])
 
-    def rows(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what parameters are in the model, each row checked.
-
-        values: Shape (N, parameters).
-        """
+    def rows(self, values: Floats) -> Floats:
+        """Return what parameters, shape (N, parameters), are in the model, each checked."""
         rows = self.writer.rows(values)
         self.writer.require(rows, np.atleast_2d(values))
         return rows
 
-    def accelerations(
-        self, state: NDArray[np.float64], inputs: Any = 0.0, forces: Any = 0.0
-    ) -> NDArray[np.float64]:
-        """Return MuJoCo's accelerations, shape (n,).
-
-        Parameters
-        ----------
-        state
-            Coordinates and rates, shape (2 n,).
-        inputs
-            What the drives exert [N], one number or shape (k,).
-        forces
-            Generalised forces beside them [N, N m], one number or shape (n,).
-        """
+    def accelerations(self, state: Floats, inputs: Any = 0.0, forces: Any = 0.0) -> Floats:
+        """Return MuJoCo's accelerations under inputs and generalised forces."""
         at = self.addresses
         found, exerted, beside = np.empty(at.n), np.empty(at.k), np.empty(at.n)
         exerted[:], beside[:] = inputs, forces
         forward(at, np.array(state, np.float64), exerted, beside, found)
         return found
 
-    def course(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the rows that are written along a course of parameters, and which is written when.
-
-        values: Shape (N, parameters), or with their rates behind them; where they stay, so does the
-            row.
-        """
+    def course(self, values: Floats) -> tuple[Floats, NDArray[np.int64]]:
+        """Return the rows that a course of values writes, and which is when; rates may follow."""
         changed = np.ones(len(values), dtype=np.bool_)
         changed[1:] = (values[1:] != values[:-1]).any(axis=1)
         parameters = values[changed][:, : len(self.plant.parameters)]
         return np.ascontiguousarray(self.rows(parameters)), np.cumsum(changed) - 1
 
     def set_imperfections(self, imperfections: Imperfections) -> None:
-        """Change passive physics and mass distribution to those of `imperfections` alone.
-
-        The parameters are to be written afterwards.
-
-        Parameters
-        ----------
-        imperfections
-            Damping, friction, armature and end stops are added to the model as it was compiled.
-        """
-        imperfections = imperfections.of_plant(self.plant)
+        """Take passive physics and mass distribution; then write the parameters."""
+        r, m = imperfections.of_plant(self.plant), self.mj_model
+        written = {str(one) for one in self.writer.targets}
         for name, field in WRITTEN.items():
-            for part in getattr(imperfections, name):
-                if any(str(one) == f"joint {part} {field}" for one in self.writer.targets):
+            for part in getattr(r, name):
+                if f"joint {part} {field}" in written:
                     rule = "is written by the plant; change its parameter instead"
                     raise InvalidValueError(f"imperfections.{name}.{part}", rule)
-        passive = passive_arrays(self._compiled, imperfections, tuple(self.plant.coordinates))
-        for name, array in passive.items():
-            getattr(self.mj_model, name)[:] = array
-        self.writer.details = {name: getattr(imperfections, name) for name in self.plant.details}
+        for name, array in self._compiled.items():
+            getattr(m, name)[:] = array
+        for i, name in enumerate(self.plant.coordinates):
+            m.dof_damping[i] += r.at(f"damping.{name}")
+            m.dof_armature[i] += r.at(f"armature.{name}")
+            if (friction := r.at(f"dry_friction.{name}")) > 0.0:
+                m.dof_frictionloss[i] += friction
+                m.dof_solref[i], m.dof_solimp[i] = FRICTION_SOLREF, FRICTION_SOLIMP
+            if (stop := r.at(f"end_stops.{name}")) is not None:
+                m.jnt_limited[i], m.jnt_range[i], m.jnt_solref[i] = True, (-stop, stop), STOP_SOLREF
+        self.writer.details = {name: getattr(r, name) for name in self.plant.details}
 
     def decay_rate(self, spans: Mapping[str, tuple[float, float]]) -> float:
-        """Return the fastest rate [1/s] at which damping slows a joint, where the step must follow.
+        """Return the fastest rate [1/s] at which damping slows a joint, within spans of parameters.
 
         Of MuJoCo's integrators only RK4 is explicit in the damping: its steps must not be longer
         than the decay. For the others, and without damping, the rate is 0.
-
-        Parameters
-        ----------
-        spans
-            Least and largest value of each parameter; it is fastest at one of their extremes.
         """
         model = self.mj_model
         damping = np.array(model.dof_damping)
@@ -390,11 +316,7 @@ class SimulatedModel:
         return float(max(rates))
 
     def compute_only(self) -> None:
-        """Disable what MuJoCo need not compute: the same bits in up to a third less time.
-
-        A plant is one tree without contacts, so there is one island of constraints at most and
-        none to be found. Every other flag stays as it is.
-        """
+        """Disable what one tree without contacts does not need: the same bits sooner."""
         bits, model = mujoco.mjtDisableBit, self.mj_model
         needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
         flags = model.opt.disableflags | int(needless)
@@ -402,13 +324,8 @@ class SimulatedModel:
         constrained = model.dof_frictionloss.any() or model.jnt_limited.any()
         model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
 
-    def generalised(self, channels: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-        """Return what forces on `channels_of` are along coordinates, and beside the drives.
-
-        channels: Shape (N, k + n).
-        Returns tuple of ndarray: Shapes (N, n) and (N, k): what acts on a joint acts along it, and
-            what acts at a site stays with its input.
-        """
+    def generalised(self, channels: Floats) -> tuple[Floats, ...]:
+        """Return forces on `channels_of` along coordinates, and beside drives at sites."""
         model, k = self.mj_model, len(self.plant.inputs)
         along, beside = channels[:, k:].copy(), np.zeros((len(channels), k))
         for i in range(k):
@@ -492,14 +409,14 @@ def shown(plant: Plant, file: str) -> Plant:
 
 
 def _addresses(model: SimulatedModel, data: mujoco.MjData) -> Addresses:
-    """Return the addresses of everything that compiled code reads and writes."""
     if data.qpos.dtype != np.float64:
         raise InvalidValueError("MuJoCo", "must be built in double precision", data.qpos.dtype)
     own = model.mj_model
 
-    def first(array: NDArray[np.float64]) -> int:
+    def first(array: Floats) -> int:
         return int(array.ctypes.data)
 
+    bodies = (own.body_mass, data.xmat, data.ximat, data.xipos, data.cvel)
     return Addresses(
         model=own._address,
         data=data._address,
@@ -512,9 +429,7 @@ def _addresses(model: SimulatedModel, data: mujoco.MjData) -> Addresses:
         smooth=first(data.qacc_smooth),
         n=len(model.plant.coordinates),
         k=len(model.plant.inputs),
-        bodies=np.array(
-            [first(one) for one in (own.body_mass, data.xmat, data.ximat, data.xipos, data.cvel)]
-        ),
+        bodies=np.array([first(one) for one in bodies]),
         parents=own.body_parentid.astype(np.int64),
         work=np.zeros(6 * own.nbody + 12),
         structures=model.writer.structures,
@@ -530,7 +445,6 @@ def _timestep_address(model: mujoco.MjModel) -> int:
     found = [place for place in places if ctypes.c_double.from_address(place).value == mark]
     model.opt.timestep = own
     if len(found) != 1:
-        raise InvalidValueError(
-            "MuJoCo", "must keep its timestep before gravity", mujoco.__version__
-        )
+        rule = "must keep its timestep before gravity"
+        raise InvalidValueError("MuJoCo", rule, mujoco.__version__)
     return found[0]

@@ -13,6 +13,7 @@ from afl_mujoco.compiled import kernel
 from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.library import mj_forward, write_row
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.scenario import Scenario
@@ -35,13 +36,7 @@ from afl_mujoco.simulation.sampled.hardware import (
     sense,
     sensors_of,
 )
-from afl_mujoco.simulation.sampled.loop import (
-    Plan,
-    Profile,
-    advance,
-    apply_impulse,
-    write_plant,
-)
+from afl_mujoco.simulation.sampled.loop import Plan, Profile, advance, apply_impulse, write_plant
 from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, Criterion, within_limits
 
@@ -52,12 +47,10 @@ try:
     from dm_control.mujoco import Physics as DmPhysics
     from dm_control.mujoco import wrapper
 except ModuleNotFoundError as error:  # beyond Python 3.12 pip cannot install it with the rest
-    raise MissingPackageError(
-        str(error.name), "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
-    ) from None
+    rule = "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
+    raise MissingPackageError(str(error.name), rule) from None
 
-_FOREVER = 2**62
-"""More steps than any run has: the environment ends an episode, not the loop."""
+_FOREVER = 2**62  # more steps than any run has: the environment ends an episode, not the loop
 
 
 class Episode(NamedTuple):
@@ -67,75 +60,46 @@ class Episode(NamedTuple):
     profile: Profile  # as in `loop.start`
     # what is in the model at each instant, after the jump where there is one: the rows, and the row
     # of each of N instants
-    rows: NDArray[np.float64]
+    rows: Floats
     which: NDArray[np.int64]
     # the parameters that are `scheduled` at each instant, shape (N, parameters)
-    now: NDArray[np.float64]
+    now: Floats
     # the same as a controller assumes them: late and with an error if the scenario has such
     # imperfections
-    told: NDArray[np.float64]
+    told: Floats
     sensors: Sensors  # the hardware
     actuators: NDArray[Any]
 
 
 def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
-    """Return the sampled inputs of a scenario, whose imperfections the model has.
-
-    timestep: Physics step [s].
-    """
-    s, r, plant = scenario, scenario.imperfections, scenario.plant
+    """Return the sampled inputs of a scenario, whose imperfections the model has."""
+    s, r = scenario, scenario.imperfections
     count = len(step_times(s.duration, timestep)) - 1
     changing = min(math.ceil(last_change(s) / timestep) + 1, count)
-    times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
+    times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     profile = input_profile(model, s, times[: min(changing + 1, count) + 1])
     until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
     at = instants(times[: until + 1])
     now = s.values(at)
     if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
-        last = Profile(
-            rows=model.rows(now[-1]),
-            which=np.array([len(profile.rows)]),
-            push=np.zeros((1, len(plant.coordinates))),
-            beside=np.zeros((1, len(plant.inputs))),
-            impulse=np.zeros((1, len(plant.coordinates))),
-            split=np.array([-1.0]),
-            joins=np.zeros(1, dtype=np.int64),
-            drift=np.zeros_like(profile.drift[:1]),
-            kicks=np.zeros_like(profile.kicks[:1]),
-        )
-        pairs: Any = zip(profile, last, strict=True)
-        profile = Profile(*map(np.concatenate, pairs))
-    told = now
-    if r.parameter_delay or s.belief != TRUTH:
-        told = told_parameters(s, at)
-    rows, which = model.course(now)
-    columns = scheduled_columns(plant)
-    return Episode(
-        timestep=float(timestep),
-        profile=profile,
-        rows=rows,
-        which=which,
-        now=np.ascontiguousarray(now[:, columns]),
-        told=np.ascontiguousarray(told[:, columns]),
-        sensors=sensors_of(s, hold * timestep),
-        actuators=actuators_of(s, timestep, count),
-    )
+        whole: Any = profile
+        none, which = Profile(*(np.zeros_like(x[:1]) for x in whole)), np.array([len(whole.rows)])
+        last = none._replace(rows=model.rows(now[-1]), which=which, split=np.array([-1.0]))
+        profile = Profile(*map(np.concatenate, zip(whole, last, strict=True)))
+    told = told_parameters(s, at) if r.parameter_delay or s.belief != TRUTH else now
+    columns = scheduled_columns(s.plant)
+    now, told, course = now[:, columns].copy(), told[:, columns].copy(), model.course(now)
+    devices = sensors_of(s, hold * timestep), actuators_of(s, timestep, count)
+    return Episode(float(timestep), profile, *course, now, told, *devices)
 
 
 @kernel
 def _plan(n, timestep, hold):
     """Return the plan of a control period, built here because Python would take longer."""
     never = np.full(n, np.inf)
-    endless = Criterion(
-        target=np.zeros(n),
-        wraps=np.zeros(n, np.bool_),
-        ends=never,
-        tipped=never,
-        stops=never,
-        bands=np.full(2 * n, np.inf),
-        dwell=0,
-    )
-    return Plan(steps=_FOREVER, hold=hold, timestep=timestep, last=timestep, criterion=endless)
+    bands = np.full(2 * n, np.inf)
+    endless = Criterion(np.zeros(n), np.zeros(n, np.bool_), never, never, never, bands, 0)
+    return Plan(_FOREVER, hold, timestep, timestep, endless)
 
 
 @kernel
@@ -148,11 +112,7 @@ def begin_held(at, profile, run):
 
 @kernel
 def advance_held(at, timestep, profile, rows, which, actuators, run, pending, instant, hold):
-    """Take the steps of a control period under the commands in MjData; return the instant reached.
-
-    It stops where the state diverges. Otherwise it leaves model and data at that instant, with the
-    row of parameters that is its own.
-    """
+    """Take a control period under the commands in MjData, or until the state diverges."""
     read_state(at, run.after)
     if not within_limits(run.after):
         return instant
@@ -187,14 +147,14 @@ class Physics(DmPhysics):  # type: ignore[misc]
     ) -> None:
         self._timestep, self._integrator, self.hold = timestep, integrator, hold
         self._model = drawn_model(scenario, timestep=timestep, integrator=integrator)
-        self._take(scenario)
+        self.follow(scenario)
         data = wrapper.MjData(wrapper.MjModel(self._model.mj_model))
         self._model.drive(data.ptr)
         super().__init__(data)
         self.reset()
 
-    def _take(self, scenario: Scenario) -> None:
-        """Take the plant, the hardware and the inputs of a scenario."""
+    def follow(self, scenario: Scenario) -> None:
+        """Take a scenario of the plant, and its hardware; `begin` starts it."""
         self.scenario = scenario
         self._model.set_imperfections(scenario.imperfections)
         self.episode = episode_of(self._model, scenario, self._timestep, self.hold)
@@ -204,10 +164,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def _new_run(self) -> RunState:
         return new_run(len(self.scenario.plant.coordinates), len(self.scenario.plant.inputs))
-
-    def follow(self, scenario: Scenario) -> None:
-        """Take another scenario of the same plant, and its hardware; `begin` starts it."""
-        self._take(scenario)
 
     @property
     def addresses(self) -> Any:
@@ -219,27 +175,24 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Number of steps since t = 0."""
         return round(float(self.data.ptr.time) / self._timestep)
 
-    def parameters(self) -> NDArray[np.float64]:
-        """Return the true parameters that are `scheduled` now, after the jump where there is one.
-
-        Of the cart-pole (M, l) [kg, m], shape (2,); of another plant all, shape (parameters,).
-        """
+    def parameters(self) -> Floats:
+        """Return the true parameters that are `scheduled`, after the jump where there is one."""
         return self._at_instant(self.episode.now)
 
-    def told_parameters(self) -> NDArray[np.float64]:
+    def told_parameters(self) -> Floats:
         """Return the same parameters as a controller assumes them now."""
         return self._at_instant(self.episode.told)
 
-    def _at_instant(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = rows[min(self.instant, len(rows) - 1)].copy()
+    def _at_instant(self, rows: Floats) -> Floats:
+        found: Floats = rows[min(self.instant, len(rows) - 1)].copy()
         return found
 
-    def true_state(self) -> NDArray[np.float64]:
+    def true_state(self) -> Floats:
         """Return the true state, shape (2 n,)."""
         data = self.data.ptr
         return np.concatenate([data.qpos, data.qvel])
 
-    def measured(self) -> NDArray[np.float64]:
+    def measured(self) -> Floats:
         """Return the state as measured at this control tick, shape (2 n,)."""
         now = (self.instant, self.true_state().tobytes())
         if now != self._seen_at:  # filters and differences must see each tick once
@@ -252,11 +205,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         return not within_limits(self.true_state())
 
     def begin(self, state: Sequence[float]) -> None:
-        """Put the plant at t = 0 into `state`, then apply the impulses at that instant.
-
-        state: Coordinates and rates, of the cart-pole (z, phi, z_dot, phi_dot) [m, rad, m/s,
-            rad/s].
-        """
+        """Put the plant at t = 0 into a state, then apply the impulses at that instant."""
         self.data.ptr.time = 0.0
         write_state(self.addresses, np.array(state, dtype=np.float64))
         self.run, self._seen_at = self._new_run(), ()
@@ -278,11 +227,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         super().forward()
 
     def step(self, nstep: int = 1) -> None:
-        """Advance under the held commands, with the plant and the push of each physics step.
-
-        The controls in MjData hold the commands before the call, and what the drives exert after
-        it. A state that has diverged stays as it is.
-        """
+        """Advance under the commands in MjData, which then holds what the drives exert."""
         for name, force in zip(self.scenario.plant.inputs, self.data.ptr.ctrl, strict=True):
             if not abs(force) < STATE_LIMIT:
                 unit = f" {self.scenario.plant.units[name]}".rstrip()

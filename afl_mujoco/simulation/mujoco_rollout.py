@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
@@ -15,12 +14,13 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import Laws, command
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.scenario.time_steps import ticks_of, time_grid
+from afl_mujoco.scenario.time_steps import Deployed, ticks_of, time_grid
 from afl_mujoco.simulation import integrator as dop853
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.integrator import (
     ATOL,
     RTOL,
@@ -31,7 +31,6 @@ from afl_mujoco.simulation.integrator import (
     integrate,
     longest_step_of,
 )
-from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     carried_momenta,
@@ -56,29 +55,29 @@ class Line(NamedTuple):
     """The parameters of a segment, and what they are in the model."""
 
     start: float  # of the segment [s]
-    values: NDArray[np.float64]  # parameters at its start
-    rates: NDArray[np.float64]  # and their rates [1/s]
+    values: Floats  # parameters at its start
+    rates: Floats  # and their rates [1/s]
     # what is written into the model along the segment, as Chebyshev polynomials of its share; none
     # where nothing changes, shape (targets, degrees)
-    course: NDArray[np.float64]
+    course: Floats
     length: float  # of the segment [s]
-    push: NDArray[np.float64]  # disturbing forces along coordinates [N, N m], shape (n,)
+    push: Floats  # disturbing forces along coordinates [N, N m], shape (n,)
     # how bodies move in their frames along the segment, as the same; none where no rate acts, shape
     # (bodies * 15, degrees)
-    drift: NDArray[np.float64]
+    drift: Floats
 
 
 class Space(NamedTuple):
     """Work space of a right-hand side."""
 
-    row: NDArray[np.float64]  # (targets,)
-    drift: NDArray[np.float64]  # (bodies * 15,)
-    values: NDArray[np.float64]  # (parameters,)
-    inputs: NDArray[np.float64]  # (k,)
-    forces: NDArray[np.float64]  # (n,)
-    drag: NDArray[np.float64]  # (n,), those of rates
-    low: NDArray[np.float64]  # bounds of the inputs, (k,)
-    high: NDArray[np.float64]
+    row: Floats  # (targets,)
+    drift: Floats  # (bodies * 15,)
+    values: Floats  # (parameters,)
+    inputs: Floats  # (k,)
+    forces: Floats  # (n,)
+    drag: Floats  # (n,), those of rates
+    low: Floats  # bounds of the inputs, (k,)
+    high: Floats
 
 
 DEGREES = (3, 5, 9, 17, 33)
@@ -87,8 +86,7 @@ DEGREES = (3, 5, 9, 17, 33)
 SMOOTH = 1e-14
 """Largest error of these, as a share of the largest number that is written in a place."""
 
-SMOOTH_DRIFT = 1e-11
-"""The same of how bodies move in their frames, which is known by differences."""
+SMOOTH_DRIFT = 1e-11  # the same of how bodies move in their frames, which is known by differences
 
 
 def line_of(
@@ -108,7 +106,7 @@ def line_of(
         course = _course(thing, model.rows, values, rates * length, SMOOTH)
     if acting.any():
 
-        def moving(p: NDArray[np.float64]) -> NDArray[np.float64]:
+        def moving(p: Floats) -> Floats:
             return model.writer.drift(p, np.tile(acting, (len(p), 1))).reshape(len(p), -1)
 
         drift = _course(thing, moving, values, rates * length, SMOOTH_DRIFT)
@@ -116,9 +114,7 @@ def line_of(
     return Line(segment.start, values, rates, course, length, push[0], drift)
 
 
-def acting_rates(
-    plant: Plant, rates: NDArray[np.float64], change: ParameterChange = PAPERS_CHANGE
-) -> NDArray[np.float64]:
+def acting_rates(plant: Plant, rates: Floats, change: ParameterChange = PAPERS_CHANGE) -> Floats:
     """Return the rates of parameters that act on the motion, 0 for the others."""
     if change.stretching:  # the cart-pole's rod (D9)
         return np.where([name == "half_length" for name in plant.parameters], rates, 0.0)
@@ -126,13 +122,10 @@ def acting_rates(
 
 
 def _course(
-    thing: str, table: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    values: NDArray[np.float64], step: NDArray[np.float64], smooth: float,
-) -> NDArray[np.float64]:  # fmt: skip
-    """Return a table between two sets of parameters, as Chebyshev polynomials.
-
-    step: From the first set to the second.
-    """
+    thing: str, table: Callable[[Floats], Floats],
+    values: Floats, step: Floats, smooth: float,
+) -> Floats:  # fmt: skip
+    """Return a table from some parameters on, a step further, as Chebyshev polynomials."""
     between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))
     expected = table(values + between[:, None] * step)
     scale = np.abs(expected).max(axis=0) + np.finfo(float).tiny
@@ -196,10 +189,7 @@ def _write_rates(at, line, space, state, rates):
 
 @jitable
 def loop_rates(arguments, time, state, rates):
-    """Write the rates of the loop of plant and controller, as integrators need them.
-
-    `arguments` are the addresses, the line and the work space, and the law of the controller.
-    """
+    """Write the rates of the loop, of the addresses, the line, the work space and the law."""
     at, line, space, law = arguments
     _write_at(at, line, space, time)
     command(law, time, state, space.values, space.inputs)
@@ -207,24 +197,19 @@ def loop_rates(arguments, time, state, rates):
 
 
 @kernel
-def _rates(at, line, space, law, time, state, rates):
-    """Write the rates of the loop for an integrator in Python."""
-    loop_rates((at, line, space, law), time, state, rates)
+def _rates(loop, time, state, rates):
+    loop_rates(loop, time, state, rates)
 
 
 @borrowing_kernel
-def _solve(at, line, space, law, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment by `dop853.solve`."""
-    return dop853.solve(
-        loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
-    )
+def _solve(loop, limits, start, end, state, times, options, work, found):
+    return dop853.solve(loop_rates, loop, limits, start, end, state, times, options, work, found)
 
 
 @borrowing_kernel
-def _step(at, line, space, law, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment by `dop853.solve_rk4`."""
+def _step(loop, limits, start, end, state, times, options, work, found):
     return dop853.solve_rk4(
-        loop_rates, (at, line, space, law), limits, start, end, state, times, options, work, found
+        loop_rates, loop, limits, start, end, state, times, options, work, found
     )
 
 
@@ -248,9 +233,9 @@ def solver(
     criterion = criterion_of(scenario)
 
     def solve(segment: Segment, *rest: Any) -> Any:
-        fixed = model.addresses, line_of(model, segment, change), space, laws.along(segment)
+        loop = model.addresses, line_of(model, segment, change), space, laws.along(segment)
         with laws.watched():
-            return integrated(*fixed, criterion, segment.start, segment.end, *rest)
+            return integrated(loop, criterion, segment.start, segment.end, *rest)
 
     return compiled_solver(solve, criterion, longest=longest_step_of(scenario))
 
@@ -265,14 +250,14 @@ def closed_loop(
     laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
     lines: dict[Segment, Line] = {}
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Any:
+    def derivative(time: float, state: Floats, segment: Segment) -> Any:
         if segment not in lines:
             lines.clear()
             lines[segment] = line_of(model, segment, change)
-        fixed = model.addresses, lines[segment], space, laws.along(segment)
+        loop = model.addresses, lines[segment], space, laws.along(segment)
         x, rates = np.array(state[: 2 * n]), np.empty(2 * n)
         with laws.watched():
-            _rates(*fixed, time, x, rates)
+            _rates(loop, time, x, rates)
         return rates
 
     return derivative
@@ -284,9 +269,7 @@ def transition(
     """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
     n = model.addresses.n
 
-    def arrive(
-        state: NDArray[np.float64], before: Segment | None, after: Segment
-    ) -> NDArray[np.float64]:
+    def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         state = state.copy()
         impulse, beside = model.generalised(np.array([after.impulse]))
         if beside.any():
@@ -318,10 +301,7 @@ def transition(
 
 
 def _carried(
-    model: SimulatedModel,
-    values: Sequence[NDArray[np.float64]],
-    rates: Sequence[NDArray[np.float64]],
-    state: NDArray[np.float64],
+    model: SimulatedModel, values: Sequence[Floats], rates: Sequence[Floats], state: Floats
 ) -> Any:
     """Return by how much the momenta that rates give fall where parameters jump."""
     before, after = (
@@ -331,30 +311,21 @@ def _carried(
     return before - after
 
 
-def _at_rest_forces(model: SimulatedModel, state: NDArray[np.float64]) -> None:
-    """Let MuJoCo compute everything at a state, without any input."""
-    at = model.addresses
-    forward(at, state, np.zeros(at.k), np.zeros(at.n), np.empty(at.n))
-
-
-def momenta(model: SimulatedModel, state: NDArray[np.float64]) -> NDArray[np.float64]:
+def momenta(model: SimulatedModel, state: Floats) -> Floats:
     """Return the generalised momenta, MuJoCo's mass matrix times the velocities, shape (n,)."""
-    _at_rest_forces(model, state)
+    model.accelerations(state)  # lets MuJoCo compute everything there, without any input
     n = model.addresses.n
     result = np.empty(n)
     mujoco.mj_mulM(model.mj_model, model.mj_data, result, state[n : 2 * n])
     return result
 
 
-def velocities(
-    model: SimulatedModel, state: NDArray[np.float64], momentum: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def velocities(model: SimulatedModel, state: Floats, momentum: Floats) -> Floats:
     """Return the velocities of generalised momenta, the inverse of `momenta`, shape (n,)."""
-    _at_rest_forces(model, state)
-    result = np.empty((1, model.addresses.n))
-    mujoco.mj_solveM(model.mj_model, model.mj_data, result, momentum[None])
-    velocity: NDArray[np.float64] = result[0]
-    return velocity
+    model.accelerations(state)
+    result: Floats = np.empty(model.addresses.n)
+    mujoco.mj_solveM(model.mj_model, model.mj_data, result[None], momentum[None])
+    return result
 
 
 MODES = ("exact", "continuous", "sampled")
@@ -446,30 +417,19 @@ def simulate_mujoco(
     if mode == "sampled":
         if not change.is_the_papers:
             raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
-        return simulate_sampled(
-            scenario,
-            controller,
-            timestep=timestep,
-            control_period=control_period,
-            integrator=integrator,
-            model=model,
-        )
+        deployed = Deployed(integrator, timestep, control_period)
+        return simulate_sampled(scenario, controller, deployed, model=model)
     if not (change.is_the_papers or scenario.is_cart_pole):
         raise InvalidValueError("dynamics and jumps", "are of the cart-pole")
     times = time_grid(scenario, ticks.timestep)
-    controller_inputs(
-        scenario, controller, times
-    )  # raises before the run if a gain is not positive
+    # raises before the run if a gain is not positive
+    controller_inputs(scenario, controller, times)
     settings = {"timestep": ticks.timestep, **change.describe()}
     nodes = {}  # a fixed step crosses them
     if mode == "exact":
         settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
         nodes = controller.nodes_within(scenario.spans)
-    states, outcome = integrate(
-        scenario,
-        solver(model, scenario, controller, change, mode),
-        transition(model, scenario, change),
-        times,
-        nodes=nodes,
-    )
+    loop = solver(model, scenario, controller, change, mode)
+    arrive = transition(model, scenario, change)
+    states, outcome = integrate(scenario, loop, arrive, times, nodes=nodes)
     return assemble(scenario, controller, f"mujoco {mode}", settings, times, states, outcome)

@@ -8,21 +8,21 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import Callback, borrowing_kernel, call, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plant.dynamics import (
+from afl_mujoco.plants.cartpole_equations import (
     cart_acceleration,
     mass_matrix,
     pole_acceleration,
+    stretching_accelerations,
     velocity_jump,
 )
-from afl_mujoco.plant.stretching_rod import stretching_accelerations
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
@@ -58,8 +58,9 @@ from afl_mujoco.simulation.trajectory import (
     criterion_of,
 )
 
-SAMPLE_PERIOD = 1e-3
-"""Spacing of the reported instants [s]."""
+SAMPLE_PERIOD = 1e-3  # spacing of the reported instants [s]
+
+PAPERS_CHANGE = ParameterChange()
 
 
 def simulate_ode(
@@ -117,19 +118,10 @@ def simulate_ode(
     """
     change, scenario = ParameterChange(dynamics=dynamics, jumps=jumps), as_scenario(scenario)
     controller = as_controller(controller)
-    times, states, outcome = solve_ode(
-        scenario,
-        controller,
-        sample_period=sample_period,
-        method=method,
-        rtol=rtol,
-        atol=atol,
-        change=change,
-        trees=trees,
-    )
-    settings = {"method": method, "rtol": rtol, "atol": atol, "sample_period": sample_period}
-    settings |= change.describe()
-    return assemble(scenario, controller, "ode", settings, times, states, outcome)
+    settings: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
+    settings["sample_period"] = sample_period
+    solved = solve_ode(scenario, controller, change=change, trees=trees, **settings)
+    return assemble(scenario, controller, "ode", settings | change.describe(), *solved)
 
 
 def solve_ode(
@@ -141,20 +133,15 @@ def solve_ode(
     rtol: float = RTOL,
     atol: float = ATOL,
     longest_step: float | None = None,
-    change: ParameterChange | None = None,
+    change: ParameterChange = PAPERS_CHANGE,
     trees: Trees | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
-    """Return only the times [s], the states reached and the outcome of `simulate_ode`.
-
-    longest_step: Longest step of the compiled method [s].
-    """
+) -> tuple[Floats, Floats, Outcome]:
+    """Return only the times [s], the states reached and the outcome of `simulate_ode`."""
     scenario.require_ideal()
     require_stateless(controller, "the ODE")
-    change = ParameterChange() if change is None else change
     times = time_grid(scenario, sample_period)
-    controller_inputs(
-        scenario, controller, times
-    )  # raises before the run if a gain is not positive
+    # raises before the run if a gain is not positive
+    controller_inputs(scenario, controller, times)
     criterion = criterion_of(scenario)
     require_tolerances(method, rtol, atol)
     loop = Loop(scenario, change, trees, controller)
@@ -177,8 +164,8 @@ class Dynamics(NamedTuple):
     kind: int
     n: int  # coordinates
     k: int  # inputs
-    low: NDArray[np.float64]  # bounds of the inputs, (k,)
-    high: NDArray[np.float64]
+    low: Floats  # bounds of the inputs, (k,)
+    high: Floats
     address: int  # of its own equations, as `Equations.callback`
     drag: int  # of what rates of parameters do, by how much accelerations fall; 0 for nothing
 
@@ -187,20 +174,20 @@ class Line(NamedTuple):
     """What is prescribed along a segment."""
 
     start: float  # of the segment [s]
-    values: NDArray[np.float64]  # parameters at its start, (parameters,)
-    rates: NDArray[np.float64]  # and their rates [1/s]
-    push: NDArray[np.float64]  # disturbing forces on inputs, then along coordinates, (k + n,)
-    stretch: NDArray[np.float64]  # rate of l that acts on the cart-pole's rod (D9) [m/s], (1,)
+    values: Floats  # parameters at its start, (parameters,)
+    rates: Floats  # and their rates [1/s]
+    push: Floats  # disturbing forces on inputs, then along coordinates, (k + n,)
+    stretch: Floats  # rate of l that acts on the cart-pole's rod (D9) [m/s], (1,)
 
 
 class Space(NamedTuple):
     """Work space of a right-hand side."""
 
-    values: NDArray[np.float64]  # parameters, (parameters,)
-    inputs: NDArray[np.float64]  # of the controller, (k,)
-    acting: NDArray[np.float64]  # on the plant, (k,)
-    found: NDArray[np.float64]  # what the equations give
-    drag: NDArray[np.float64]  # (n,)
+    values: Floats  # parameters, (parameters,)
+    inputs: Floats  # of the controller, (k,)
+    acting: Floats  # on the plant, (k,)
+    found: Floats  # what the equations give
+    drag: Floats  # (n,)
 
 
 def line_of(segment: Segment, change: ParameterChange) -> Line:
@@ -218,8 +205,9 @@ def values_at(line, time, values):
 
 
 @jitable
-def write_rates(dynamics, line, space, time, state, rates):
+def held_rates(arguments, time, state, rates):
     """Write the rates of a plant under ``space.inputs``, NaN where the controller has none."""
+    dynamics, line, space = arguments
     n, k = dynamics.n, dynamics.k
     values_at(line, time, space.values)
     for i in range(k):
@@ -237,7 +225,6 @@ def write_rates(dynamics, line, space, time, state, rates):
 
 @jitable
 def _own_accelerations(dynamics, line, space, time, state, rates):
-    """Write the accelerations of a plant by its own equations."""
     n, k = dynamics.n, dynamics.k
     for i in range(k):
         limited = min(max(space.inputs[i], dynamics.low[i]), dynamics.high[i])
@@ -266,7 +253,6 @@ def _own_accelerations(dynamics, line, space, time, state, rates):
 
 @jitable
 def _papers_accelerations(line, space, state, rates):
-    """Write the accelerations of the cart-pole, of a rod that stretches where a rate acts."""
     p, stretch = space.values, line.stretch[0]
     given = (
         state[1], state[3], space.inputs[0] + (line.push[0] + line.push[1]), p[0], p[1], p[2], p[3]
@@ -279,10 +265,7 @@ def _papers_accelerations(line, space, state, rates):
 
 @jitable
 def _solve_in_place(matrix, right):
-    """Replace b by the solution of A x = b, by elimination with the largest pivots.
-
-    matrix: A row by row, shape (n * n,); it is overwritten.
-    """
+    """Replace b by the solution of A x = b, by elimination with the largest pivots."""
     n = len(right)
     for i in range(n):
         best = i
@@ -307,46 +290,25 @@ def _solve_in_place(matrix, right):
 
 @jitable
 def loop_rates(arguments, time, state, rates):
-    """Write the rates of the loop of plant and controller, as the integrators need them.
-
-    `arguments` are the dynamics, the line that acts and the true one, the law and the work space.
-    """
+    """Write the rates of the loop: dynamics, the line that acts, the true one, law, space."""
     dynamics, line, true, law, space = arguments
     values_at(true, time, space.values)  # (D7): the controller knows M(t) and l(t)
     command(law, time, state, space.values, space.inputs)
-    write_rates(dynamics, line, space, time, state, rates)
-
-
-@jitable
-def held_rates(arguments, time, state, rates):
-    """Write the rates of the plant under inputs that are held.
-
-    `arguments` are the dynamics, the line and the work space.
-    """
-    dynamics, line, space = arguments
-    write_rates(dynamics, line, space, time, state, rates)
+    held_rates((dynamics, line, space), time, state, rates)
 
 
 @kernel
-def _rates(dynamics, line, law, space, time, state, rates):
-    """Write the rates of the loop for an integrator in Python."""
-    loop_rates((dynamics, line, line, law, space), time, state, rates)
+def _rates(loop, time, state, rates):
+    loop_rates(loop, time, state, rates)
 
 
 @borrowing_kernel
-def _solve(dynamics, line, law, space, limits, start, end, state, times, options, work, found):
-    """Integrate the loop over a segment."""
-    return dop853.solve(
-        loop_rates, (dynamics, line, line, law, space), limits, start, end, state, times, options,
-        work, found,
-    )  # fmt: skip
+def _solve(loop, limits, start, end, state, times, options, work, found):
+    return dop853.solve(loop_rates, loop, limits, start, end, state, times, options, work, found)
 
 
 class Motion:
-    """The equations of a plant on a scenario.
-
-    They say nothing of the rates of parameters: where these act, a tree says what they do.
-    """
+    """The equations of a plant; where rates of parameters act, a tree says what they do."""
 
     def __init__(
         self, scenario: Scenario, change: ParameterChange, trees: Trees | None = None
@@ -374,7 +336,7 @@ class Motion:
         self.dynamics = Dynamics(kind, n, k, low, high, address, 0)
         self.space = Space(*(np.zeros(count) for count in (j, k, k, size, n)))
 
-    def _drag(self, time: float, state: Any, _: Any, __: Any, out: NDArray[np.float64]) -> None:
+    def _drag(self, time: float, state: Any, _: Any, __: Any, out: Floats) -> None:
         """Write by how much rates of parameters lower the accelerations."""
         trees = _given(self.trees).along(self.segment, time)
         needed, inertia = _needed(*trees, *np.split(state, 2))
@@ -394,9 +356,7 @@ class Motion:
         acts = any(rate for enters, (_, rate) in pairs if enters)
         return self.dynamics._replace(drag=self.drag if acts else 0)
 
-    def require_equations_at(
-        self, state: NDArray[np.float64], time: float, segment: Segment
-    ) -> None:
+    def require_equations_at(self, state: Floats, time: float, segment: Segment) -> None:
         """Raise what the equations raise at a state where a run ended."""
         if self.equations is not None and np.isfinite(state).all():
             n, none = self.dynamics.n, np.empty(self.equations.size)
@@ -423,37 +383,31 @@ class Loop(Motion):
         *,
         continuous: bool = True,
     ) -> None:
-        """Take a controller that is evaluated continuously, or one that is held."""
         super().__init__(scenario, change, trees)
         self.laws = Laws(controller, scenario, continuous=continuous)
         if self.laws.callback is not None:
             self.called.append(self.laws.callback)
 
-    def _on(self, segment: Segment) -> tuple[Dynamics, Line, Law]:
-        """Return what compiled code takes along a segment."""
-        self.segment = segment
-        return self.along(segment), line_of(segment, self.change), self.laws.along(segment)
+    def _on(self, segment: Segment) -> tuple[Dynamics, Line, Line, Law, Space]:
+        self.segment, line = segment, line_of(segment, self.change)
+        return self.along(segment), line, line, self.laws.along(segment), self.space
 
-    def derivative(self, time: float, state: NDArray[np.float64], segment: Segment) -> Any:
+    def derivative(self, time: float, state: Floats, segment: Segment) -> Any:
         """Return the rates of the loop, called from Python."""
         rates = np.empty(2 * self.dynamics.n)
         with self.watched():
-            _rates(*self._on(segment), self.space, time, np.array(state[: len(rates)]), rates)
+            _rates(self._on(segment), time, np.array(state[: len(rates)]), rates)
         return rates
 
     def solver(
         self, criterion: Criterion, rtol: float = RTOL, atol: float = ATOL,
         longest: float | None = None,
     ) -> Solver:  # fmt: skip
-        """Return DOP853 of the loop over a segment.
-
-        longest: Longest step [s].
-        """
+        """Return DOP853 of the loop over a segment."""
 
         def solve(segment: Segment, *rest: Any) -> Any:
-            span = segment.start, segment.end
             with self.watched():
-                found = _solve(*self._on(segment), self.space, criterion, *span, *rest)
+                found = _solve(self._on(segment), criterion, segment.start, segment.end, *rest)
             if found[2] != REACHED:
                 self.require_equations_at(rest[0], found[1], segment)
             return found
@@ -469,9 +423,7 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
         values = segment.values_at(time).tolist()
         return CartPoleParameters(**dict(zip(scenario.schedule, values, strict=True)))
 
-    def arrive(
-        state: NDArray[np.float64], before: Segment | None, after: Segment
-    ) -> NDArray[np.float64]:
+    def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         p = parameters(after, after.start)
         impulse = along_z(after.impulse)
         state = state.copy()
@@ -491,7 +443,7 @@ def transition(scenario: Scenario, change: ParameterChange) -> Transition:
 class Trees(Protocol):
     """The tree of a plant at rest, and as it moves under rates of parameters."""
 
-    def at(self, values: NDArray[np.float64], rates: NDArray[np.float64]) -> tuple[Tree, Tree]:
+    def at(self, values: Floats, rates: Floats) -> tuple[Tree, Tree]:
         """Return both with some parameters and rates."""
 
     def along(self, segment: Segment, time: float) -> tuple[Tree, Tree]:
@@ -503,14 +455,12 @@ def _arrival(scenario: Scenario, equations: Equations, trees: Trees | None) -> T
     plant = scenario.plant
     n, k, enters = len(plant.coordinates), len(plant.inputs), plant.entering
 
-    def terms(q: NDArray[np.float64], v: NDArray[np.float64], p: NDArray[np.float64]) -> Any:
+    def terms(q: Floats, v: Floats, p: Floats) -> Any:
         found = np.empty(equations.size)
         equations.fill(q, v, np.zeros(k), p, found)
         return split(plant, found[None])
 
-    def arrive(
-        state: NDArray[np.float64], before: Segment | None, after: Segment
-    ) -> NDArray[np.float64]:
+    def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         impulse, state = np.array(after.impulse), state.copy()
         p, joins = after.values_at(after.start), after.start in scenario.joins
         rates = [
@@ -534,9 +484,7 @@ def _arrival(scenario: Scenario, equations: Equations, trees: Trees | None) -> T
     return arrive
 
 
-def _carried(
-    trees: Trees | None, values: NDArray[np.float64], rates: NDArray[np.float64], q: Any
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _carried(trees: Trees | None, values: Floats, rates: Floats, q: Any) -> tuple[Floats, Floats]:
     """Return the momenta that rates give a plant at rest, N p', and its mass matrix."""
     if not rates.any():
         return np.zeros(len(q)), np.eye(len(q))
@@ -547,15 +495,12 @@ def _carried(
 
 
 def _given(trees: Trees | None) -> Trees:
-    """Return trees, or raise if there are none."""
     if trees is None:
         raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
     return trees
 
 
-def _needed(
-    still: Tree, moving: Tree, q: Any, v: Any
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _needed(still: Tree, moving: Tree, q: Any, v: Any) -> tuple[Floats, Floats]:
     """Return the forces that motion under rates needs besides, and the mass matrix."""
     q, v = np.array(q), np.array(v)
     without = terms_of(still, q, v)

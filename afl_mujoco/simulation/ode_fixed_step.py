@@ -19,12 +19,13 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.laws import command
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.ode import (
+    PAPERS_CHANGE,
     Loop,
     Motion,
     held_rates,
@@ -51,7 +52,6 @@ SUBSTEPS = 8
 """RK4 steps within each held step: their error is some 4000 times below that of a single one."""
 
 _COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
-_PAPER = ParameterChange()
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,13 +148,13 @@ def simulate_ode_held(
     return assemble(*run)
 
 
-def _starts(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+def _starts(fine: Floats, times: Floats) -> NDArray[np.intp]:
     """Return the instants of a fine grid that are those of a coarse one."""
     found: NDArray[np.intp] = np.searchsorted(fine, times - 1e-9 * (times[1] - times[0]))
     return found
 
 
-def _steps_of(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.intp]:
+def _steps_of(fine: Floats, times: Floats) -> NDArray[np.intp]:
     """Return the step of a coarse grid in which each step of a fine one lies."""
     starts = _starts(fine, times)
     found = np.searchsorted(starts, np.arange(len(fine) - 1), side="right") - 1
@@ -164,18 +164,14 @@ def _steps_of(fine: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[
 def _run(
     scenario: Scenario,
     controller: Controller,
-    fine: NDArray[np.float64],
+    fine: Floats,
     holds: Holds,
-    times: NDArray[np.float64],
+    times: Floats,
     hold: int = 0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Outcome]:
-    """Return states, forces and outcome of a run on a fine grid.
-
-    times: The grid over whose steps parameters and disturbances are held [s].
-    hold: For how many of these the force is held; 0 for one that is evaluated in every stage.
-    """
+) -> tuple[Floats, Floats, Outcome]:
+    """Return states, forces and outcome on a fine grid; `hold` 0 evaluates them in every stage."""
     controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
-    loop = Loop(scenario, _PAPER, None, controller, continuous=False)
+    loop = Loop(scenario, PAPERS_CHANGE, None, controller, continuous=False)
     limits, arrive, segments = criterion_of(scenario), loop.arrive, scenario.segments
     starts, step_of, count = _starts(fine, times), _steps_of(fine, times), len(fine) - 1
     ticks = np.full(count, not hold)
@@ -192,15 +188,14 @@ def _run(
     for segment, (first, until) in zip(segments, pairwise([*begins, count]), strict=True):
         if first == until:  # what begins at the horizon
             continue
-        if has_ended(limits, states[first]):
-            status = _FELL
+        status = _FELL if has_ended(limits, states[first]) else status
         if status != _RUNNING:
             break
         there = segment
         if holds.schedule and any(segment.impulse):  # it acts on the plant that is held
             there = replace(segment, lines=tuple((x, 0.0) for x in held[first].tolist()))
         states[first] = arrive(states[first], before, there)
-        before, line = segment, line_of(segment, _PAPER)
+        before, line = segment, line_of(segment, PAPERS_CHANGE)
         true = line._replace(values=line.values.copy(), rates=line.rates.copy())
         part = (ticks, held, push, fine, states, forces, work, limits, first, until)
         with loop.watched():
@@ -217,7 +212,6 @@ def _run(
 
 @jitable
 def _hold(line, values, push, k):
-    """Let parameters and disturbing forces be those of a step, where there are any."""
     for i in range(values.shape[1]):
         line.values[i], line.rates[i] = values[k, i], 0.0
     for i in range(push.shape[1]):
@@ -229,10 +223,7 @@ def _advance(
     dynamics, line, true, law, space, holding, ticks, held, push, times, states, forces, work,
     limits, first, until,
 ):  # fmt: skip
-    """Step from an instant to another within a segment; return where it ended, and how.
-
-    line, true: What acts, overwritten where it is held, and what the controller knows.
-    """
+    """Step within a segment; `line`, overwritten where it is held, acts, `true` is known."""
     followed, plant = (dynamics, line, true, law, space), (dynamics, line, space)
     for k in range(first, until):
         if k > first and has_ended(limits, states[k]):
@@ -255,16 +246,13 @@ def _advance(
     return until, _RUNNING
 
 
-def held_steps(scenario: Scenario, run: Trajectory) -> NDArray[np.float64]:
-    """Return where a textbook RK4 step leads from each state of a sampled run, shape (N - 1, 2 n).
-
-    Parameters are those of the middle of each step, disturbing forces their means over it.
-    """
+def held_steps(scenario: Scenario, run: Trajectory) -> Floats:
+    """Return where an RK4 step leads from each state of a run, the inputs as deployed."""
     step = run.provenance["settings"]["timestep"]
     steps = np.diff(run.time)
     steps[np.abs(steps - step) < 1e-9] = step
-    motion, after = Motion(scenario, _PAPER), np.empty((len(steps), run.state.shape[1]))
-    line = line_of(scenario.segments[0], _PAPER)
+    motion, after = Motion(scenario, PAPERS_CHANGE), np.empty((len(steps), run.state.shape[1]))
+    line = line_of(scenario.segments[0], PAPERS_CHANGE)
     values = scenario.values(0.5 * (run.time[:-1] + run.time[1:]))
     arrays = (values, held_disturbances(scenario, run.time).push, steps, work_space(after.shape[1]))
     with motion.watched():
@@ -274,7 +262,6 @@ def held_steps(scenario: Scenario, run: Trajectory) -> NDArray[np.float64]:
 
 @kernel
 def _held_steps(dynamics, line, space, states, inputs, values, push, steps, work, after):
-    """Write where steps lead."""
     for k in range(len(after)):
         _hold(line, values, push, k)
         for i in range(inputs.shape[1]):

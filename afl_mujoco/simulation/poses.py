@@ -10,16 +10,13 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from afl_mujoco.plants.library import write_row
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
-
-Floats = NDArray[np.float64]
 
 FPS, MOST_NUMBERS = 30, 400_000
 """Frames per second, fewer where the poses of a scenario would be more numbers than this."""
@@ -29,26 +26,13 @@ CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
 SMOOTHING = 0.35
 """Standard deviation of the window over which a camera averages where a plant is [s]."""
 
-FAR = 4.0
-"""A camera stands still as long as plants stay within this many times their own size."""
-
-FLAT = 0.05
-"""Motion is in a plane if it spreads less than this share as far across it."""
-
-LOST = 50.0
-"""Beyond this many times its own size from the camera's aim a plant is not kept in view."""
-
-ROOM = 1.1
-"""Size of a view over that of what it keeps in view."""
-
-HIDDEN = 3
-"""The first of the groups of geoms that MuJoCo's viewer hides."""
-
-TOWARD = np.array([0.0, -1.0, 0.0])
-"""Where one stands who sees a motion along x and z."""
-
-PUSHED = 0.25
-"""How long an impulse is said at least [s]."""
+FAR = 4.0  # a camera stands still as long as plants stay within this many times their own size
+FLAT = 0.05  # motion is in a plane if it spreads less than this share as far across it
+LOST = 50.0  # beyond this many times its own size from the camera's aim a plant is not kept in view
+ROOM = 1.1  # size of a view over that of what it keeps in view
+HIDDEN = 3  # the first of the groups of geoms that MuJoCo's viewer hides
+PUSHED = 0.25  # how long an impulse is said at least [s]
+TOWARD = np.array([0.0, -1.0, 0.0])  # where one stands who sees a motion along x and z
 
 
 class Track(NamedTuple):
@@ -78,10 +62,7 @@ def drawn_geoms(m: mujoco.MjModel) -> list[int]:
 
 
 def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int]:
-    """Yield the number of each instant of a run, with its parameters and state in the model.
-
-    values, states: Shapes (N, parameters) and (N, 2 n).
-    """
+    """Yield the number of each instant, with its parameters and state in the model."""
     at, (rows, which) = model.addresses, model.course(values)
     for k, state in enumerate(states):
         write_row(at.structures, at.targets, rows[which[k]])
@@ -91,10 +72,7 @@ def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int
 
 
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
-    """Return poses with the parameters of each instant written into the model.
-
-    values, states: Shapes (N, parameters) and (N, 2 n).
-    """
+    """Return poses with the parameters of each instant written into the model."""
     m, d, count = model.mj_model, model.mj_data, len(states)
     moving = [one for one in geoms if m.body_weldid[m.geom_bodyid[one]] > 0]
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
@@ -125,11 +103,9 @@ def corners(m: mujoco.MjModel, d: mujoco.MjData, geoms: Sequence[int]) -> Floats
     found = []
     for one in geoms:
         shape, size, middle = shape_of(m, one)
-        half = {
-            "sphere": size[[0, 0, 0]],
-            "capsule": np.array([size[0], size[0], size[0] + size[1]]),
-            "cylinder": size[[0, 0, 1]],
-        }.get(shape, size)
+        wide, long = size[0], size[1]
+        halves = {"sphere": (wide, wide, wide), "capsule": (wide, wide, wide + long)}
+        half = np.array((halves | {"cylinder": (wide, wide, long)}).get(shape, size))
         turn = d.geom_xmat[one].reshape(3, 3)
         found.append(d.geom_xpos[one] + (middle + half * CORNERS) @ turn.T)
     return np.concatenate([np.empty((0, 3)), *found])
@@ -139,8 +115,6 @@ def follow(seen: Sequence[Floats], fps: float) -> tuple[list[Floats], bool, floa
     """Return where a camera looks in each frame of each run, if it stands still, a plant's size.
 
     It looks at one point as long as plants stay about where they are, else at each of them.
-
-    seen: Points of each run, shape (N, points, 3).
     """
     everything = np.concatenate([points.reshape(-1, 3) for points in seen])
     own = max(float(np.ptp(points, axis=1).max()) for points in seen) or 1.0
@@ -177,15 +151,13 @@ def plane_of(seen: Sequence[Floats]) -> Floats:
 def replay_data(
     scenario: Scenario, runs: Mapping[str, tuple[Floats, Floats]], endings: Mapping[str, str]
 ) -> dict[str, Any]:
-    """Return what a page needs to replay the runs of a scenario.
-
-    runs: Instants [s] and states by controller; `endings` say how one ended before the horizon.
-    """
+    """Return what a page replays, of instants [s] and states by controller, and endings."""
     model = SimulatedModel(scenario.plant)
     m, geoms = model.mj_model, drawn_geoms(model.mj_model)
     numbers = 9 * max(1, len(geoms)) * len(runs) * scenario.duration
     fps = min(FPS, MOST_NUMBERS / numbers)
-    times = {name: _frames(float(time[-1]), fps) for name, (time, _) in runs.items()}
+    ends = {name: float(time[-1]) for name, (time, _) in runs.items()}  # the last instants
+    times = {name: np.append(np.arange(0.0, end, 1.0 / fps), end) for name, end in ends.items()}
     found = {
         name: poses(model, geoms, scenario.values(at), between(*runs[name], at))
         for name, at in times.items()
@@ -200,13 +172,13 @@ def replay_data(
         for x in [np.array(x["at"]) - axes[:2] @ aims[0][0] for x in lines]:
             if (x > low - own).all() and (x < high + own).all():
                 low, high = np.minimum(low, x), np.maximum(high, x)
-    shades = colours(runs)
+    shades, sizes = colours(runs), found[longest].sizes
     return {
         "fps": fps,
         "duration": scenario.duration,
         "shapes": [shape_of(m, one)[0] for one in geoms],
         "moves": [bool(m.body_weldid[m.geom_bodyid[one]]) for one in geoms],
-        "sizes": encode(_unless_constant(found[longest].sizes)),
+        "sizes": encode(sizes if np.ptp(sizes, axis=0).any() else sizes[:1]),
         "view": (ROOM * np.maximum(high - low, 0.2 * own)).tolist(),
         "lines": lines,
         "changes": [
@@ -232,21 +204,10 @@ def replay_data(
     }
 
 
-def _frames(end: float, fps: float) -> Floats:
-    """Return the instants of the frames [s], the last where the run ended."""
-    times = np.arange(0.0, end, 1.0 / fps)
-    return np.append(times, end) if end > 0.0 else np.zeros(1)
-
-
 def between(time: Floats, states: Floats, times: Floats) -> Floats:
     """Return the states at some times, interpolated linearly, shape (N, 2 n)."""
     known = np.isfinite(states).all(axis=1)
     return np.column_stack([np.interp(times, time[known], x) for x in states[known].T])
-
-
-def _unless_constant(sizes: Floats) -> Floats:
-    """Return the sizes of geoms in each frame, or in the first if they do not change."""
-    return sizes if np.ptp(sizes, axis=0).any() else sizes[:1]
 
 
 def changing(plant: Plant, values: Floats) -> list[tuple[str, str, Floats]]:
@@ -290,14 +251,9 @@ def _lines(found: Sequence[Track], axes: Floats) -> list[dict[str, Any]]:
     flat, lines = axes[:2], []
     for one in found:
         at, along, across = flat @ one.at, flat @ one.along, flat @ one.across
-        lines += [_line("", at, along)] if one.is_rail else []
-        lines += [_line(words, at + place * along, across) for words, place in one.places]
-    return lines
-
-
-def _line(words: str, at: Floats, along: Floats) -> dict[str, Any]:
-    """Return a line with what it is, the rail if nothing is said."""
-    return {"words": words, "at": at.tolist(), "along": along.tolist()}
+        lines += [("", at, along)] if one.is_rail else []
+        lines += [(words, at + place * along, across) for words, place in one.places]
+    return [{"words": words, "at": x.tolist(), "along": y.tolist()} for words, x, y in lines]
 
 
 def encode(values: Floats) -> str:

@@ -15,131 +15,100 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import DIVERGED, STATE_LIMIT, Trajectory
 
-LONGEST = 50.0
-"""Half-length that nobody means [m]."""
-
-LONG_WAIT = 0.1
-"""Share of a run that nobody means as a delay or a control period."""
+LONGEST = 50.0  # half-length that nobody means [m]
+LONG_WAIT = 0.1  # share of a run that nobody means as a delay or a control period
 
 SAID = {"cart_mass": "M", "half_length": "l", "pole_mass": "m", "gravity": "g"}
 
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
+    if scenario.is_cart_pole:
+        told, at_start = scenario.assumed_plants, scenario.parameters_at(0.0)
+        of_plants = (
+            *controller.remarks(told),
+            *controller.estimator_remarks(at_start, scenario.plants),
+        )
+    else:
+        of_plants = (*_beyond(scenario),)
+    own = scenario.imperfections
     return [
-        *_of_controller(scenario, controller),
-        *_beyond(scenario),
-        *_jumping(scenario),
-        *_unreached(scenario),
-        *_without_effect(scenario),
+        *of_plants,
+        *_prescribed(scenario),
+        *(
+            f"{path} has no effect, because velocities are differentiated"
+            for path in own.departing()
+            if own.without_effect(path)
+        ),
         *unit_remarks(scenario, run.control_period),
         *_ended(scenario, run),
         *_stopped(scenario, run),
-        *_at_range(scenario, run),
         *_limited(scenario, run),
-        *_refined(run),
-        *_nothing_required(scenario),
-        *_idle(run),
+        *_odd(scenario, run),
     ]
 
 
-def _of_controller(scenario: Scenario, controller: Controller) -> list[str]:
-    """Return what a controller of the cart-pole says of the plants that it meets."""
-    if not scenario.is_cart_pole:
-        return []
-    told, plants = scenario.assumed_plants, scenario.plants
-    at_start = scenario.parameters_at(0.0)
-    return [*controller.remarks(told), *controller.estimator_remarks(at_start, plants)]
-
-
-def _beyond(scenario: Scenario) -> list[str]:
+def _beyond(scenario: Scenario) -> Iterator[str]:
     """Remark on parameters beyond the bounds within which a plant was checked."""
-    if scenario.is_cart_pole:
-        return []
-    return [
-        f"{name} goes from {least:g} to {most:g} {one.unit}, but is checked in {one.low:g} to "
-        f"{one.high:g}"
-        for (name, one), (least, most) in zip(
-            scenario.plant.parameters.items(), scenario.spans.values(), strict=True
-        )
-        if least < (one.low or 0.0) or most > (one.high or 0.0)
-    ]
+    spans = zip(scenario.plant.parameters.items(), scenario.spans.values(), strict=True)
+    for (name, one), (least, most) in spans:
+        if least < (one.low or 0.0) or most > (one.high or 0.0):
+            checked = f"but is checked in {one.low:g} to {one.high:g}"
+            yield f"{name} goes from {least:g} to {most:g} {one.unit}, {checked}"
 
 
-def _jumping(scenario: Scenario) -> list[str]:
-    """Remark on parameters that jump though their rates act on the motion."""
-    return [
-        f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities stay"
-        for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
-        for time in scenario.schedule[name].breakpoints
-        if enters and 0.0 < time < scenario.duration
-        if scenario.schedule[name].at(time) != scenario.schedule[name].before(time)
-    ]
-
-
-def _unreached(scenario: Scenario) -> list[str]:
-    """Remark on changes of parameters that come after the end."""
-    end, found = scenario.duration, []
+def _prescribed(scenario: Scenario) -> Iterator[str]:
+    """Remark on parameters that jump though their rates act, or change after the end."""
+    end = scenario.duration
+    for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True):
+        schedule = scenario.schedule[name]
+        for time in schedule.breakpoints:
+            if enters and 0.0 < time < end and schedule.at(time) != schedule.before(time):
+                yield (
+                    f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities "
+                    "stay"
+                )
     for name, schedule in scenario.schedule.items():
         knots = zip(schedule.times, schedule.values, strict=True)
         if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
             said = SAID.get(name, name) if scenario.is_cart_pole else name
-            found.append(f"{said} changes at {late[-1]:g} s, after the end at {end:g} s")
-    return found
+            yield f"{said} changes at {late[-1]:g} s, after the end at {end:g} s"
 
 
-def _without_effect(scenario: Scenario) -> list[str]:
-    """Remark on noise of what is not measured."""
-    own = scenario.imperfections
-    return [
-        f"{path} has no effect, because velocities are differentiated"
-        for path in own.departing()
-        if own.without_effect(path)
-    ]
-
-
-def _stopped(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a coordinate that hits an end stop."""
-    found, units = [], scenario.plant.units
-    for i, name in enumerate(scenario.plant.coordinates):
+def _stopped(scenario: Scenario, run: Trajectory) -> Iterator[str]:
+    """Remark on coordinates that hit an end stop, or the range that the MJCF gives their joint."""
+    names, units = scenario.plant.coordinates, scenario.plant.units
+    for i, name in enumerate(names):
         end = scenario.imperfections.end_stops.get(name)
-        if end is None or not (hits := np.flatnonzero(np.abs(run.state[:, i]) >= end)).size:
-            continue
-        most = scenario.requirements.max.get(name)
-        short = most is not None and most > end
-        beyond = f", short of max.{name}, {most:g} {units[name]}" if short else ""
-        what = "the cart" if scenario.is_cart_pole else name
-        found.append(
-            f"{what} hits the end stop, {end:g} {units[name]} from the middle, first at "
-            f"{run.time[hits[0]]:.3g} s{beyond}"
-        )
-    return found
-
-
-def _at_range(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a joint that reaches the range that the MJCF gives it, which stops it."""
-    if scenario.is_cart_pole:  # whose joints have none
-        return []
-    found, model = [], PlantModel(scenario.plant).mj_model
-    for i, name in enumerate(scenario.plant.coordinates):
+        if end is not None and (hits := np.flatnonzero(np.abs(run.state[:, i]) >= end)).size:
+            most = scenario.requirements.max.get(name)
+            short = most is not None and most > end
+            beyond = f", short of max.{name}, {most:g} {units[name]}" if short else ""
+            what = "the cart" if scenario.is_cart_pole else name
+            yield (
+                f"{what} hits the end stop, {end:g} {units[name]} from the middle, first at "
+                f"{run.time[hits[0]]:.3g} s{beyond}"
+            )
+    if scenario.is_cart_pole:  # whose joints have no range
+        return
+    model = PlantModel(scenario.plant).mj_model
+    for i, name in enumerate(names):
         joint = model.joint(name)
         low, high = joint.range
-        beyond = (run.state[:, i] <= low) | (run.state[:, i] >= high)
-        if model.jnt_limited[joint.id] and beyond.any():
-            unit, time = scenario.plant.units[name], run.time[np.argmax(beyond)]
-            found.append(
-                f"{name} reaches its range in the MJCF, {low:.4g} to {high:.4g} {unit}, first at "
-                f"{time:.3g} s: MuJoCo stops it there, the equations do not"
+        outside = (run.state[:, i] <= low) | (run.state[:, i] >= high)
+        if model.jnt_limited[joint.id] and outside.any():
+            yield (
+                f"{name} reaches its range in the MJCF, {low:.4g} to {high:.4g} {units[name]}, "
+                f"first at {run.time[np.argmax(outside)]:.3g} s: MuJoCo stops it there, the "
+                "equations do not"
             )
-    return found
 
 
-def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
-    """Remark on a drive that cuts the command off."""
-    found, figures, inputs = [], run.metrics, scenario.plant.inputs
+def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
+    figures, inputs = run.metrics, scenario.plant.inputs
     for name in inputs:
-        names = effort_names(inputs, name)
-        share, most = figures[names[-1]], figures[names[0]]
+        most_named, *_, share_named = effort_names(inputs, name)
+        share, most = figures[share_named], figures[most_named]
         limit = scenario.imperfections.of_input("input_limit", name)
         if not share or most is None:
             continue
@@ -148,67 +117,52 @@ def _limited(scenario: Scenario, run: Trajectory) -> list[str]:
         if limit is not None and most <= limit:
             asked = f"asks for all of {limit:g}{unit}"
         drive = "the drive" if len(inputs) == 1 else f"the drive of {name}"
-        found.append(
+        yield (
             f"{drive} is at its limit for {100.0 * share:.0f} % of the run: the controller {asked}"
         )
-    return found
 
 
-def _refined(run: Trajectory) -> list[str]:
-    """Remark on a step that was made finer for the damping."""
+def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
+    """Remark on a finer step, on nothing that can fail, on a controller that does nothing."""
     settings = run.provenance.get("settings", {})
-    if (asked := settings.get("asked_timestep")) is None:
-        return []
-    return [
-        f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 is "
-        "unstable or inaccurate with this damping"
-    ]
-
-
-def _nothing_required(scenario: Scenario) -> list[str]:
-    """Remark on a scenario that no run can fail."""
+    if (asked := settings.get("asked_timestep")) is not None:
+        yield (
+            f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 "
+            "is unstable or inaccurate with this damping"
+        )
     if not scenario.required:
-        return ["completes = false and nothing else is required: no run of this scenario can fail"]
-    return []
+        yield "completes = false and nothing else is required: no run of this scenario can fail"
+    if len(run.time) > 1 and not run.command.any():
+        cart_pole = run.layout.inputs == tuple(CART_POLE.inputs)
+        said = "the force is 0 N throughout" if cart_pole else "the commands are 0 throughout"
+        if not run.away[:, 1 if cart_pole else 0 :].any():
+            still = "the pole never leans" if cart_pole else "nothing moves"
+            said += f" and {still}: the run tests no controller"
+        yield said
 
 
-def _idle(run: Trajectory) -> list[str]:
-    """Remark on a controller that does nothing, which can meet requirements all the same."""
-    if len(run.time) == 1 or run.command.any():
-        return []
-    cart_pole = run.layout.inputs == tuple(CART_POLE.inputs)
-    said = "the force is 0 N throughout" if cart_pole else "the commands are 0 throughout"
-    if run.away[:, 1 if cart_pole else 0 :].any():
-        return [said]
-    leans = "the pole never leans" if cart_pole else "nothing moves"
-    return [f"{said} and {leans}: the run tests no controller"]
-
-
-def _ended(scenario: Scenario, run: Trajectory) -> list[str]:
+def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:
     """Remark on an end that the outcome alone does not explain."""
     for name, x in zip(run.layout.coordinates, run.away[0], strict=False):
         if abs(x) >= scenario.ends_at.get(name, np.inf):
             if scenario.is_cart_pole and name == "phi":
                 said = f"the pole lies at the start, φ = {np.degrees(x):.4g}°"
-                return [f"{said}; every run ends as fallen at 90°"]
-            return [f"{symbol(name)} is at the start where a run ends, {x:.4g} from its target"]
-    last = run.commands[-1]
-    worst = last[np.argmax(~(np.abs(last) < STATE_LIMIT))] if last.size else 0.0
-    if run.outcome.kind == DIVERGED and not abs(worst) < STATE_LIMIT:
+                yield f"{said}; every run ends as fallen at 90°"
+            else:
+                yield f"{symbol(name)} is at the start where a run ends, {x:.4g} from its target"
+            return
+    beyond = np.flatnonzero(~(np.abs(run.commands[-1]) < STATE_LIMIT))
+    if run.outcome.kind == DIVERGED and beyond.size:
+        what = f"the command of {scenario.plant.inputs[beyond[0]]}"
+        what = "the force" if scenario.is_cart_pole else what
         rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
-        name = scenario.plant.inputs[int(np.argmax(~(np.abs(last) < STATE_LIMIT)))]
-        what = "the force" if scenario.is_cart_pole else f"the command of {name}"
-        return [f"{what} was {worst:g} at {run.outcome.time:.3g} s; {rule}"]
-    return []
+        yield f"{what} was {run.commands[-1][beyond[0]]:g} at {run.outcome.time:.3g} s; {rule}"
 
 
 def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
-    """Return remarks on values that one may have meant in another unit.
-
-    period: Control period [s].
-    """
+    """Return remarks on values, as the control period [s], meant in another unit."""
     waits = {"delay": scenario.imperfections.longest_delay, "control period": period or 0.0}
-    return [*_slow(scenario, waits), *_coarse(scenario), *_long(scenario)]
+    return [*_slow(scenario, waits), *_coarse(scenario)]
 
 
 def _slow(scenario: Scenario, waits: Mapping[str, float]) -> Iterator[str]:
@@ -235,25 +189,19 @@ def _slow(scenario: Scenario, waits: Mapping[str, float]) -> Iterator[str]:
 
 
 def _coarse(scenario: Scenario) -> Iterator[str]:
-    """Remark on sensors that cannot tell whether the plant is at rest."""
+    """Remark on sensors that cannot tell whether the plant is at rest, or a pole that is none."""
     others = {"m": "mm", "rad": "degrees"}
     for field, also in (("encoder_step", "counts"), ("noise", "mrad")):
         for name in scenario.plant.coordinates:
             unit = scenario.plant.units[name]
             value, band = scenario.imperfections.at(f"{field}.{name}"), scenario.band(name)
             if value >= band:
-                said = (
-                    others[unit] if unit == "m" and also == "mrad" else f"{others[unit]} or {also}"
-                )
+                said = others[unit] + ("" if unit == "m" and also == "mrad" else f" or {also}")
                 yield (
                     f"{field}.{name}, {value:g} {unit}, is no less than the {band:g} {unit} to "
                     f"either side within which {name} is at rest; it is given in {unit}, not in "
                     f"{said}"
                 )
-
-
-def _long(scenario: Scenario) -> Iterator[str]:
-    """Remark on a pole that is no pole."""
     length = scenario.spans["half_length"][1] if scenario.is_cart_pole else 0.0
     if length > LONGEST:
         yield f"l reaches {length:g} m, half the length of the pole; it is given in m, not in mm"

@@ -10,20 +10,16 @@ from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.ode import simulate_ode
 
-TERMS = ("iae_z", "iae_phi", "max_force")
-"""The metrics that the objective (O1) adds up."""
+TERMS = ("iae_z", "iae_phi", "max_force")  # the metrics that the objective (O1) adds up
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ObjectiveScales:
     """The scales by which the terms of (O1) are divided (decision D4)."""
 
-    iae_z: float
-    """Integral of abs(z) [m s]."""
-    iae_phi: float
-    """Integral of abs(phi) [rad s]."""
-    max_force: float
-    """Largest abs(F) [N]."""
+    iae_z: float  # integral of abs(z) [m s]
+    iae_phi: float  # integral of abs(phi) [rad s]
+    max_force: float  # largest abs(F) [N]
 
 
 def objective(iae_z: Any, iae_phi: Any, max_force: Any, scales: ObjectiveScales) -> Any:
@@ -39,10 +35,7 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
 
 
 def nominal_scales(sample_period: float) -> ObjectiveScales:
-    """Return the scales of the objective: the fixed gains on the nominal plant (decision D4).
-
-    sample_period: Spacing of the grid on which the integrals are taken [s].
-    """
+    """Return the scales of the objective: the fixed gains on the nominal plant (D4)."""
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]
     run = simulate_ode(scenario, controller, sample_period=sample_period)
     return objective_scales(metrics(scenario, controller, run))

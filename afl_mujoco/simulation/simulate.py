@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.polynomial.chebyshev import chebval
-from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.tree import Tree
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation import ode
-from afl_mujoco.simulation.linear import bound, plant_model
+from afl_mujoco.simulation.bound_controllers import bound, plant_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import Line, line_of
 from afl_mujoco.simulation.trajectory import Trajectory
@@ -39,7 +38,7 @@ class MovingTrees:
         self._lines: dict[Segment, Line] = {}
         self._model: SimulatedModel | None = None
 
-    def at(self, values: NDArray[np.float64], rates: NDArray[np.float64]) -> tuple[Tree, Tree]:
+    def at(self, values: Floats, rates: Floats) -> tuple[Tree, Tree]:
         """Return both with some parameters and rates."""
         model = plant_model(self.plant, threading.get_ident())
         return self._trees(model.rows(values)[0], model.drift(values[None], rates[None])[0])
@@ -53,6 +52,6 @@ class MovingTrees:
         row, drift = (np.asarray(chebval(x, one.T)) for one in (line.course, line.drift))
         return self._trees(row, drift.reshape(-1, 5, 3))
 
-    def _trees(self, row: NDArray[np.float64], drift: NDArray[np.float64]) -> tuple[Tree, Tree]:
+    def _trees(self, row: Floats, drift: Floats) -> tuple[Tree, Tree]:
         still = Tree(**plant_model(self.plant, threading.get_ident()).tree(row))
         return still, still._replace(drift=drift)

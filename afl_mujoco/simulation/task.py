@@ -14,13 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import choose_backend
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import ticks_of
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import fine_enough
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout
@@ -36,11 +37,8 @@ from dm_env import TimeStep, specs  # noqa: E402  # isort: skip
 PHI_MARGIN = math.pi / 3
 """Lean [rad] at which the reward's upright term is 0.1: the start of the paper's runs."""
 
-Z_MARGIN = 2.0
-"""Distance [m] at which the reward's centred term is 0.1."""
-
-FORCE_MARGIN = 100.0
-"""Force [N] at which the reward's effort term is 0.1."""
+Z_MARGIN = 2.0  # distance [m] at which the reward's centred term is 0.1
+FORCE_MARGIN = 100.0  # force [N] at which the reward's effort term is 0.1
 
 _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
@@ -50,8 +48,7 @@ OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
 DAMPING, LIGHTER = ("damping.",), ("armature.", "tip_mass_share", "pole_radius")
 """What slows a joint the faster the larger, and the smaller, it is: beginnings of imperfections."""
 
-SAMPLES = 2**31 - 1
-"""Number of samples from which episodes are drawn."""
+SAMPLES = 2**31 - 1  # number of samples from which episodes are drawn
 
 ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
 """Keys that `load` accepts in ``environment_kwargs``; it sets the others itself."""
@@ -60,15 +57,8 @@ ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
 def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
     """Return the reward of `Balance` on the cart-pole, smooth and within (0, 1].
 
-    With ``near(x, margin)``, which is 1 at 0 and 0.1 at the margin, from
-    `dm_control.utils.rewards.tolerance` with its long tail, the reward is ``near(phi, PHI_MARGIN) *
-    (1 + near(z, Z_MARGIN)) / 2 * (4 + near(force, FORCE_MARGIN)) / 5``. It is a product, as in the
-    suite's cart-pole: balance counts most, a cart off centre at most halves it, effort costs at
-    most a fifth. The long tails leave a slope to follow far from the goal. It is 1 only where
-    the pole is upright at z = 0, without force.
-
-    z, phi, force: Cart position [m], pole angle [rad], force on the cart [N]: numbers, or arrays of
-        one shape.
+    It is a product, as in the suite's cart-pole: balance counts most, a cart off centre at most
+    halves it, effort costs at most a fifth; long tails leave a slope to follow far from the goal.
     """
     away = np.array([phi, z, force]).T / _MARGINS  # in one call: it is slow for single numbers
     upright, centred, easy = tolerance(away, margin=1.0, sigmoid="long_tail").T
@@ -76,14 +66,7 @@ def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
 
 
 def nearness(away: ArrayLike, bands: ArrayLike) -> Any:
-    """Return the reward of `Balance` on any other plant: the mean of ``1 / (1 + (x / band)^2)``.
-
-    It is 1 where every coordinate is on its target, and a coordinate at the edge of its band
-    counts half.
-
-    away, bands: Deviations x of the coordinates from their targets, and their bands, shapes (...,
-        n) and (n,).
-    """
+    """Return the reward of `Balance` on any other plant: the mean of ``1 / (1 + (x / band)^2)``."""
     return (1.0 / (1.0 + (np.asarray(away) / bands) ** 2)).mean(axis=-1)
 
 
@@ -96,13 +79,13 @@ class Reward:
         self._bands = np.array([scenario.band(name) for name in names])
         self._ends = np.array([scenario.ends_at.get(name, math.inf) for name in names])
 
-    def of(self, states: NDArray[np.float64], inputs: NDArray[np.float64]) -> Any:
+    def of(self, states: Floats, inputs: Floats) -> Any:
         """Return the reward of finite states under inputs, shapes (N, 2 n) and (N, k)."""
         if self._is_cart_pole:
             return reward(states[:, 0], states[:, 1], inputs[:, 0])
         return nearness(self._layout.away(states)[:, : len(self._bands)], self._bands)
 
-    def ended(self, states: NDArray[np.float64]) -> NDArray[np.bool_]:
+    def ended(self, states: Floats) -> NDArray[np.bool_]:
         """Return whether a coordinate is, or has turned, as far from its target as ends a run."""
         away = np.abs(states[:, : len(self._ends)] - self._layout.target)
         return np.asarray((away >= self._ends).any(axis=1))
@@ -152,18 +135,8 @@ class Balance(control.Task):  # type: ignore[misc]
             raise InvalidValueError("initial_noise", "must not be negative", initial_noise)
         if parameters not in PARAMETERS:
             raise UnknownNameError.among("parameters", parameters, PARAMETERS)
-        self._random = _random_state(random)
-        self._parameters, self._space = parameters, space
-
-    @property
-    def random(self) -> np.random.RandomState:
-        """The source of the initial perturbations and of the scenarios drawn."""
-        return self._random
-
-    @property
-    def space(self) -> SampleSpace | None:
-        """The space from which scenarios are drawn; None if they are not."""
-        return self._space
+        self.random, self.space = _random_state(random), space
+        self._parameters = parameters
 
     def initialize_episode(self, physics: Physics) -> None:
         """Put the plant into the scenario's initial state, drawn and perturbed if so configured.
@@ -171,26 +144,20 @@ class Balance(control.Task):  # type: ignore[misc]
         The scenario drawn is sample i of the space with seed 0 (`sample_scenario`), i at random.
         """
         scenario, start = self.draw(physics.scenario)
-        if self._space is not None:
+        if self.space is not None:
             physics.follow(scenario)
         self._reward = Reward(scenario)
         physics.begin(start)
 
     def draw(self, scenario: Scenario) -> tuple[Scenario, tuple[float, ...]]:
-        """Return the scenario of an episode, and where it starts.
-
-        Parameters
-        ----------
-        scenario
-            The scenario if none is drawn.
-        """
-        if self._space is not None:
-            scenario = sample_scenario(self._space, int(self._random.randint(SAMPLES)), 0)
+        """Return the scenario of an episode, the given one if none is drawn, and its start."""
+        if self.space is not None:
+            scenario = sample_scenario(self.space, int(self.random.randint(SAMPLES)), 0)
         state = [*scenario.initial_state]
         if self._noise > 0.0:
             for i, name in enumerate(scenario.plant.coordinates):
                 if scenario.plant.units[name] == "rad":
-                    state[i] += self._random.uniform(-self._noise, self._noise)
+                    state[i] += self.random.uniform(-self._noise, self._noise)
         return scenario, tuple(state)
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
@@ -210,7 +177,7 @@ class Balance(control.Task):  # type: ignore[misc]
             force = require_finite("action", values[i])
             control[i] = min(max(force, -self._limit, low), self._limit, high)
 
-    def get_observation(self, physics: Physics) -> OrderedDict[str, NDArray[np.float64]]:
+    def get_observation(self, physics: Physics) -> OrderedDict[str, Floats]:
         """Return position, velocity and, if so configured, parameters at this instant."""
         measured = physics.measured()
         n = len(measured) // 2
@@ -305,20 +272,13 @@ def load(
     space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
     asked = ticks_of(scenario, timestep, control_period)
     ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
-    task = Balance(
-        force_limit=force_limit,
-        initial_noise=initial_noise,
-        random=random,
-        parameters=parameters,
-        space=space,
-    )
+    limits = {"force_limit": force_limit, "initial_noise": initial_noise}
+    task = Balance(**limits, random=random, parameters=parameters, space=space)
     if initial_noise > 0.0 or randomize:
         _require_started(scenario, space, initial_noise)
     # Half a step early, so that round-off in the division by the period cannot add a period.
-    settings = {
-        "time_limit": scenario.duration - 0.5 * ticks.timestep,
-        **(environment_kwargs or {}),
-    }
+    early = scenario.duration - 0.5 * ticks.timestep
+    settings = {"time_limit": early, **(environment_kwargs or {})}
     for key in settings:
         if key not in ENVIRONMENT_KEYS:
             raise UnknownNameError.among("environment_kwargs", key, ENVIRONMENT_KEYS)
@@ -345,12 +305,8 @@ def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) 
     """Return the fastest `SimulatedModel.decay_rate` of the scenarios of any episode [1/s]."""
     hardware, spans = scenario.imperfections, scenario.spans
     if space is not None:
-        fastest = {
-            name: bounds[name.startswith(DAMPING)]
-            for name, bounds in space.varied.items()
-            if name.startswith((*DAMPING, *LIGHTER))
-        }
-        hardware = hardware.changed(fastest)
+        drawn = {x: ends for x, ends in space.varied.items() if x.startswith((*DAMPING, *LIGHTER))}
+        hardware = hardware.changed({x: ends[x.startswith(DAMPING)] for x, ends in drawn.items()})
         spans = {name: space.bounds(name) for name in spans}
     model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=hardware)
     return model.decay_rate(spans)
@@ -358,14 +314,8 @@ def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) 
 
 def controller_policy(
     controller: Controller, scenario: Scenario, *, control_period: float | None = None
-) -> Callable[[TimeStep], NDArray[np.float64]]:
-    """Return the agent that runs a control law on the observation.
-
-    With it an environment reproduces `simulate_mujoco` in sampled mode, bit for bit.
-
-    control_period: Control period of the environment [s], for a Python controller, which gets the
-        time: the observation does not have it.
-    """
+) -> Callable[[TimeStep], Floats]:
+    """Return the agent that reproduces sampled mode by the observation, bit for bit."""
     if controller.interpreted and control_period is None:
         raise InvalidValueError("control_period", f"must be given for {controller.name!r}")
     controller = bound(controller, scenario)
@@ -373,7 +323,7 @@ def controller_policy(
     told = scenario.told_values(np.zeros(1))
     columns = scheduled_columns(scenario.plant)
 
-    def policy(time_step: TimeStep) -> NDArray[np.float64]:
+    def policy(time_step: TimeStep) -> Floats:
         nonlocal tick, own
         tick = 0 if time_step.first() else tick + 1
         if time_step.first():

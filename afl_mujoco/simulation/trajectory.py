@@ -25,7 +25,7 @@ from afl_mujoco.files import array_names, atomic_file, read_arrays
 from afl_mujoco.loading import told_of
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.cartpole import FALL_ANGLE as FALL_ANGLE
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE
 from afl_mujoco.scenario.scenario import Scenario
@@ -60,11 +60,10 @@ class Outcome:
     time: float
 
     def __str__(self) -> str:
-        """Return the outcome as a report writes it."""
         return self.kind if self.kind == COMPLETED else f"{self.kind} at t = {self.time:.6g} s"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Layout:
     """What the columns of a run are called, and where its coordinates should be."""
 
@@ -77,21 +76,16 @@ class Layout:
     @classmethod
     def of(cls, scenario: Scenario) -> Layout:
         """Return the layout of the runs of a scenario."""
-        plant = scenario.plant
-        return cls(
-            coordinates=tuple(plant.coordinates),
-            inputs=tuple(plant.inputs),
-            units=dict(plant.units),
-            target=scenario.target,
-            wraps=tuple(plant.wraps),
-        )
+        p = scenario.plant
+        names = tuple(p.coordinates), tuple(p.inputs)
+        return cls(*names, dict(p.units), scenario.target, tuple(p.wraps))
 
     @property
     def states(self) -> tuple[str, ...]:
         """Names of the state: the coordinates, then their rates."""
         return (*self.coordinates, *(f"{name}_dot" for name in self.coordinates))
 
-    def away(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+    def away(self, states: Floats) -> Floats:
         """Return states as deviations of their coordinates from the target, shape (N, 2 n)."""
         found = states.copy()
         for i, (name, target) in enumerate(zip(self.coordinates, self.target, strict=True)):
@@ -102,8 +96,7 @@ class Layout:
         return found
 
 
-LAYOUT = Layout()
-"""That of the cart-pole."""
+LAYOUT = Layout()  # that of the cart-pole
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
@@ -150,7 +143,6 @@ class Trajectory:
     layout: Layout = field(default_factory=Layout)
 
     def __post_init__(self) -> None:
-        """Check the shapes and freeze the arrays."""
         count, k = len(self.time), len(self.layout.inputs)
         if self.command is None:
             object.__setattr__(self, "command", self.input)
@@ -240,11 +232,10 @@ class Trajectory:
             pandas = import_module("pandas")
         except ImportError:
             raise InvalidValueError("pandas", "must be installed: pip install pandas") from None
+        inputs = self.layout.inputs
+        names = ["command"] if len(inputs) == 1 else [f"{name}_command" for name in inputs]
         columns = dict(zip(self.layout.states, self.state.T, strict=True))
-        columns |= dict(zip(self.layout.inputs, self.inputs.T, strict=True))
-        single = len(self.layout.inputs) == 1
-        names = ["command"] if single else [f"{name}_command" for name in self.layout.inputs]
-        columns |= dict(zip(names, self.commands.T, strict=True))
+        columns |= dict(zip((*inputs, *names), (*self.inputs.T, *self.commands.T), strict=True))
         columns |= {**self.parameters, **self.signals}
         return pandas.DataFrame(columns, index=pandas.Index(self.time, name="time"))
 
@@ -255,12 +246,10 @@ class Trajectory:
         return ", ".join(name for name in (*what, self.simulator) if name)
 
     def __repr__(self) -> str:
-        """Return what was simulated and how it ended, in one line."""
         said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
         return printable(said)
 
     def _repr_html_(self) -> str:
-        """Return HTML for a notebook: how the run ended, and its figures in a table."""
         from afl_mujoco.simulation.metrics import label_of, unit_of
 
         heads = ("metric", "value", "unit", "key of <code>metrics</code>")
@@ -315,26 +304,22 @@ class Trajectory:
         with reading(path, "is not a saved trajectory"):
             tables: dict[str, dict[str, Any]] = {"parameters": {}, "signals": {}}
             named = [x for x in array_names(Path(path)) if x.partition(".")[0] in tables]
-            wanted = ("meta", *_ARRAYS, *named)
-            arrays: dict[str, Any] = dict(read_arrays(Path(path), wanted))
-            meta = json.loads(str(arrays.pop("meta")))
+            whole: dict[str, Any] = dict(read_arrays(Path(path), ("meta", *_ARRAYS, *named)))
+            meta = json.loads(str(whole.pop("meta")))
             kind, time = meta["outcome"]
-            known = {name: meta[name] for name in ("provenance", "effort")}
             for key in named:
                 table, _, name = key.partition(".")
-                tables[table][name] = arrays.pop(key)
-            lists: dict[str, Any] = {
-                key: tuple(x) if isinstance(x, list) else x for key, x in meta["layout"].items()
-            }
-            whole: dict[str, Any] = {**arrays, **tables, **known}
-            return cls(**whole, outcome=Outcome(kind, float(time)), layout=Layout(**lists))
+                tables[table][name] = whole.pop(key)
+            whole |= {**tables, "provenance": meta["provenance"], "effort": meta["effort"]}
+            layout: Any = meta["layout"].items()
+            layout = {x: tuple(y) if isinstance(y, list) else y for x, y in layout}
+            return cls(**whole, outcome=Outcome(kind, float(time)), layout=Layout(**layout))
 
 
 _ARRAYS = ("time", "state", "input", "command")
 
 
-def _frozen(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Return values as an array that cannot be written, or raise unless they have a shape."""
+def _frozen(name: str, values: Any, shape: tuple[int, ...]) -> Floats:
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise InvalidValueError(name, f"must have shape {shape}", array.shape)
@@ -363,27 +348,27 @@ def within_limits(state):
 class Criterion(NamedTuple):
     """When a run ends before its horizon, and when it counts as settled."""
 
-    target: NDArray[np.float64]  # where the coordinates should be, shape (n,)
+    target: Floats  # where the coordinates should be, shape (n,)
     wraps: NDArray[np.bool_]  # whether a deviation from it is taken modulo 2 pi, shape (n,)
-    ends: NDArray[np.float64]  # deviations that end a run as fallen, inf for none, shape (n,)
-    tipped: NDArray[np.float64]  # beyond these, a run that cannot go on fell, shape (n,)
-    stops: NDArray[np.float64]  # end stops to either side of 0, inf for none, shape (n,)
-    bands: NDArray[np.float64]  # deviations and rates within which a run is settled, shape (2n,)
+    ends: Floats  # deviations that end a run as fallen, inf for none, shape (n,)
+    tipped: Floats  # beyond these, a run that cannot go on fell, shape (n,)
+    stops: Floats  # end stops to either side of 0, inf for none, shape (n,)
+    bands: Floats  # deviations and rates within which a run is settled, shape (2n,)
     dwell: int = 0  # the run ends as settled after this many steps within the bands; 0 for never
 
 
 def criterion_of(scenario: Scenario, dwell: int = 0) -> Criterion:
     """Return when a run of a scenario ends, and when it counts as settled."""
     plant, names = scenario.plant, scenario.plant.coordinates
-    ends = [scenario.ends_at.get(name, math.inf) for name in names]
-    stops = [scenario.imperfections.at(f"end_stops.{name}") for name in names]
+    ends = np.array([scenario.ends_at.get(name, math.inf) for name in names])
+    stops = [scenario.imperfections.end_stops.get(name, math.inf) for name in names]
     bands = [scenario.band(name) for name in names] + [math.inf] * len(names)
     return Criterion(
         target=np.array(scenario.target),
         wraps=np.array([name in plant.wraps for name in names]),
-        ends=np.array(ends),
-        tipped=TIPPED / FALL_ANGLE * np.array(ends),
-        stops=np.array([math.inf if stop is None else stop for stop in stops]),
+        ends=ends,
+        tipped=TIPPED / FALL_ANGLE * ends,
+        stops=np.array(stops),
         bands=np.array(bands),
         dwell=dwell,
     )
@@ -407,26 +392,16 @@ def has_ended(criterion, state):
     return False
 
 
-def controller_inputs(
-    scenario: Scenario, controller: Controller, times: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the inputs of the controller at each of the `times`, shape (N, numbers).
-
-    times: Instants [s], shape (N,).
-    """
+def controller_inputs(scenario: Scenario, controller: Controller, times: Floats) -> Floats:
+    """Return the inputs of the controller at times [s], shape (N, numbers)."""
     return controller.inputs_for(scenario.plant, scenario.values(instants(times)))
 
 
-def signals_of(
-    plant: Plant, states: NDArray[np.float64], values: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Return the signals of a plant along a run, each of shape (N,).
-
-    states, values: States and parameters, shapes (N, 2 n) and (N, parameters).
-    """
+def signals_of(plant: Plant, states: Floats, values: Floats) -> dict[str, Floats]:
+    """Return the signals of a plant along states and parameters, each of shape (N,)."""
     n, found = len(plant.coordinates), {}
 
-    def each(name: str, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    def each(name: str, rows: NDArray[np.intp]) -> Floats:
         several = []
         for k in rows:
             x, p = states[k], plant.named(values[k])
@@ -460,7 +435,6 @@ def signals_of(
 
 @functools.cache
 def _versions() -> Mapping[str, str]:
-    """Return the versions that a run depends on; looking them up takes milliseconds."""
     return MappingProxyType({name: version(name) for name in _PACKAGES})
 
 
@@ -469,24 +443,25 @@ def assemble(
     controller: Controller,
     simulator: str,
     settings: Mapping[str, Any],
-    times: NDArray[np.float64],
-    states: NDArray[np.float64],
+    times: Floats,
+    states: Floats,
     outcome: Outcome,
-    inputs: NDArray[np.float64] | None = None,
+    inputs: Floats | None = None,
     **deployed: Any,
 ) -> Trajectory:
-    """Put a simulator's result together.
-
-    times: The grid [s], shape (N,).
-    states: The states reached, shape (K, 2 n), K <= N.
-    inputs: Inputs [N], shape (K,) or (K, k); by default the controller's at each state.
-    """
+    """Put a simulator's result together; inputs are the controller's by default."""
     reached, plant = times[: len(states)], scenario.plant
     if inputs is None:
-        inputs = controller.forces(
-            states, controller_inputs(scenario, controller, reached), reached
-        )
+        given = controller_inputs(scenario, controller, reached)
+        inputs = controller.forces(states, given, reached)
     values = scenario.values(instants(reached))
+    provenance = {
+        "simulator": simulator,
+        "settings": dict(settings),
+        "scenario": scenario_to_table(scenario),
+        "controller": controller.describe(),
+        "versions": dict(_versions()),
+    }
     return Trajectory(
         time=reached,
         state=states,
@@ -495,12 +470,6 @@ def assemble(
         signals=signals_of(plant, states, values),
         outcome=outcome,
         layout=Layout.of(scenario),
+        provenance=provenance,
         **deployed,
-        provenance={
-            "simulator": simulator,
-            "settings": dict(settings),
-            "scenario": scenario_to_table(scenario),
-            "controller": controller.describe(),
-            "versions": dict(_versions()),
-        },
     )

@@ -14,7 +14,7 @@ from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import ticks_of
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode

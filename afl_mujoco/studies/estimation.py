@@ -152,7 +152,7 @@ def run_case(unit: Request) -> Case:
         replace(scenario, imperfections=replace(NOISE, seed=NOISE.seed + seed))
         for seed in range(seeds)
     ]
-    followed = [simulate_estimated(one, estimating, timestep=step) for one in noisy]
+    followed = [simulate_estimated(one, estimating, Deployed(timestep=step)) for one in noisy]
 
     def kept(one: Controller, scenarios: Sequence[Scenario]) -> list[Trajectory | None]:
         return [run for _, run in run_kept(one, scenarios, Deployed(timestep=step))]

@@ -23,8 +23,8 @@ from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import whole_steps
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.scenario.time_steps import Deployed, whole_steps
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
@@ -542,9 +542,8 @@ def small_motion(point: Point, change: Change, start: float, duration: float) ->
 
     model = SimulatedModel(plant, edit=amplify, imperfections=scenario.imperfections)
     model.compute_only()
-    return simulate_sampled(
-        scenario, controller, timestep=timestep, control_period=period, model=model
-    )
+    deployed = Deployed(timestep=timestep, control_period=period)
+    return simulate_sampled(scenario, controller, deployed, model=model)
 
 
 # --- what is shown ------------------------------------------------------------------------------

@@ -49,7 +49,7 @@ def require_runs(
 ) -> None:
     """Raise if anything would break runs as deployed, before the first."""
     from afl_mujoco.scenario.time_steps import ticks_of
-    from afl_mujoco.simulation.linear import bound
+    from afl_mujoco.simulation.bound_controllers import bound
     from afl_mujoco.simulation.mujoco_model import require_integrator
 
     given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)

@@ -151,10 +151,8 @@ def run_kept(
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
 
-    found = roll_out(
-        scenarios, controller, **asdict(deployed), threads=threads, keep=keep,
-        caught=(ControllerError, GainError),
-    )  # fmt: skip
+    caught = (ControllerError, GainError)
+    found = roll_out(scenarios, controller, deployed, threads=threads, keep=keep, caught=caught)
     return [
         (_failed(scenario, controller, str(one)), None)
         if isinstance(one, AflMujocoError)

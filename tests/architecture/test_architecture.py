@@ -223,20 +223,28 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "planted", "contract"),
     [
-        pytest.param("plant/__init__", "import afl_mujoco.control", FLOORS, id="floors"),
+        pytest.param("plants/cartpole_equations", "import afl_mujoco.control", FLOORS, id="floors"),
         pytest.param("cli/main", "import research.batch", RESEARCH, id="research"),
         pytest.param(
             "simulation/mujoco_model", "import afl_mujoco.simulation.ode", ENGINE, id="engine"
         ),
         pytest.param(
-            "simulation/trajectory", "import afl_mujoco.plant", ENGINE, id="engine-indirectly"
+            "simulation/trajectory",
+            "import afl_mujoco.plants.cartpole_equations",
+            ENGINE,
+            id="engine-indirectly",
         ),
-        pytest.param("plant/__init__", "import mujoco", ANALYTIC, id="analytic"),
+        pytest.param("plants/cartpole_equations", "import mujoco", ANALYTIC, id="analytic"),
         pytest.param("../research/batch", "import mujoco", ANALYTIC, id="analytic-batch"),
         pytest.param(
-            "simulation/gym_env/environment", "import afl_mujoco.plant", ENGINE, id="engine-gym"
+            "simulation/gym_env/environment",
+            "import afl_mujoco.plants.cartpole_equations",
+            ENGINE,
+            id="engine-gym",
         ),
-        pytest.param("control/__init__", "import afl_mujoco.plant", BELIEF, id="belief"),
+        pytest.param(
+            "control/__init__", "import afl_mujoco.plants.cartpole_equations", BELIEF, id="belief"
+        ),
         pytest.param("../research/genetic", "import afl_mujoco.scenario", SEARCH, id="search"),
         pytest.param("plants/tree", "import mujoco", ANALYTIC, id="tree-engine"),
         pytest.param("plants/suspects", "import mujoco", ANALYTIC, id="suspects-engine"),

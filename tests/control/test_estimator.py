@@ -14,7 +14,7 @@ import afl_mujoco as afl
 from afl_mujoco.control import estimator
 from afl_mujoco.control.estimator import EstimatorSettings, fill_transition, linearise
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
+from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange
 from tests.messages import line
 

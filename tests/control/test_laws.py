@@ -10,7 +10,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.laws import Laws, command
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 RAMPS = {

@@ -17,7 +17,7 @@ from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report

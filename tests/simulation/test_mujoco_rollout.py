@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plant.dynamics import velocity_jump
+from afl_mujoco.plants.cartpole_equations import velocity_jump
 from tests.engine import accelerations
 from tests.engine import jump as jump_of
 

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 import afl_mujoco as afl
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.plant.dynamics import velocity_jump
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
+from afl_mujoco.plants.cartpole_equations import velocity_jump
 from afl_mujoco.simulation.ode_fixed_step import Holds
 
 STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)

@@ -18,7 +18,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
-from afl_mujoco.simulation.linear import bound
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies import margins
 from afl_mujoco.studies.loop_margins import linearize, loop_margins
 from afl_mujoco.studies.margins import (

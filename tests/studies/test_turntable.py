@@ -13,7 +13,7 @@ from afl_mujoco.pool import open_executor
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.time_steps import DEFAULT
-from afl_mujoco.simulation.linear import bound, lqr_of
+from afl_mujoco.simulation.bound_controllers import bound, lqr_of
 from afl_mujoco.studies import attraction
 from afl_mujoco.studies.cube_search import Budget
 from afl_mujoco.studies.loop_margins import linearize, loop_margins

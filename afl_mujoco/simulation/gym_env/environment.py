@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.imperfections import require_within_stop
 from afl_mujoco.scenario.ranges import scheduled
@@ -83,19 +84,11 @@ def _require_its_own(layer: gymnasium.Wrapper, base: type) -> None:
 
 
 def _named(layer: gymnasium.Wrapper) -> str:
-    """Return the name of a wrapper for messages."""
     return f"wrapper {type(layer).__name__} of the environment"
 
 
 def _in_turn(changes: list[Change]) -> Change:
-    """Return the function that applies changes one after the other."""
-
-    def change(value: Any) -> Any:
-        for one in changes:
-            value = one(value)
-        return value
-
-    return change
+    return lambda value: functools.reduce(lambda x, change: change(x), changes, value)
 
 
 FORCE_LIMIT = 128.0
@@ -185,20 +178,14 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
         low = np.where(never_negative[: len(high)], 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.low, self.high = self._limits(float(force_limit))
+        limits = self.scenario.plant.limits if scenario.is_cart_pole else self.scenario.limits
+        self.low, self.high = np.clip(limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.parameters, self.randomize = parameters, randomize
         if camera is None:
             camera = 0 if self.dm_environment.physics.model.ncam else -1
         self._picture = {"height": height, "width": width, "camera_id": camera}
         self._under_way = self._closed = False
-
-    def _limits(self, force_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the inputs of actions of -1 and 1."""
-        scenario = self.scenario
-        own = scenario.plant.limits if scenario.is_cart_pole else scenario.limits
-        low, high = np.clip(own, -force_limit, force_limit).T
-        return low, high
 
     @property
     def most_steps(self) -> float:
@@ -213,12 +200,8 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-        """Start an episode.
-
-        Returns tuple: Observation, and information: ``time`` [s] and the ``force`` [N] that acted,
-            an array where a plant has several inputs.
-        """
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Start an episode; the information is ``time`` [s] and the ``force`` [N]."""
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
@@ -233,13 +216,8 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self._under_way = True
         return self._flat(step), self._information()
 
-    def step(
-        self, action: ArrayLike
-    ) -> tuple[NDArray[np.float64], float, bool, bool, dict[str, Any]]:
-        """Hold an action over one control period.
-
-        action: Inputs as shares of their limits, shape (k,), clipped to -1 and 1.
-        """
+    def step(self, action: ArrayLike) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
+        """Hold an action, shares of the inputs' limits, over one control period."""
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
         shares = np.asarray(action, dtype=np.float64)
@@ -251,10 +229,11 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         truncated = bool(step.last()) and not ended
         return self._flat(step), float(step.reward), ended, truncated, self._information()
 
-    def inputs(self, shares: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inputs(self, shares: Floats) -> Floats:
         """Return the inputs of actions, shape (..., k)."""
         middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low)
-        return np.clip(middle + half * shares, self.low, self.high)
+        found: Floats = np.clip(middle + half * shares, self.low, self.high)
+        return found
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return a picture of now, shape (height, width, 3), or None without a render mode."""
@@ -271,7 +250,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.dm_environment.physics.free()
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what the settings add."""
         physics = self.dm_environment.physics
         control = physics.control()
         force = float(control[0]) if len(control) == 1 else control.copy()
@@ -282,15 +260,13 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
             known["sample"] = physics.scenario.name
         return known
 
-    def _flat(self, step: TimeStep) -> NDArray[np.float64]:
-        """Return an observation as one array."""
+    def _flat(self, step: TimeStep) -> Floats:
         seen = step.observation
         parts = [seen[name] for name in ("position", "velocity", "parameters") if name in seen]
         return observed(np.concatenate(parts), self.scale)
 
 
-CartPoleEnv = ScenarioEnv
-"""What it was called when there was no other plant."""
+CartPoleEnv = ScenarioEnv  # what it was called when there was no other plant
 
 
 def reseed(task: Balance, random: np.random.Generator) -> None:
@@ -298,15 +274,13 @@ def reseed(task: Balance, random: np.random.Generator) -> None:
     task.random.seed(int(random.integers(2**32)))
 
 
-def observed(values: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+def observed(values: Floats, scale: Floats) -> Floats:
     """Return SI values, shape (..., numbers), as observations, always within the limits."""
     limited = np.clip(np.nan_to_num(values, nan=STATE_LIMIT), -STATE_LIMIT, STATE_LIMIT)
     return np.asarray(limited / scale)
 
 
-def _bounds_of(
-    scenario: Scenario, space: SampleSpace | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _bounds_of(scenario: Scenario, space: SampleSpace | None) -> tuple[Floats, Floats]:
     """Return the least value of each parameter that is observed, and its largest magnitude."""
     spans = [
         scenario.spans[name] if space is None else space.bounds(name)
@@ -318,12 +292,11 @@ def _bounds_of(
 
 def policy_controller(
     predict: Callable[..., Any], environment: gymnasium.Env
-) -> Callable[[float, NDArray[np.float64], Any], Any]:
+) -> Callable[[float, Floats, Any], Any]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    It acts as in the environment, through its wrappers: held for the same control period, it
-    repeats the episode. It has no memory: the policy is read and not copied. Of a plant with
-    several inputs it returns an array.
+    Held for the environment's control period, it repeats the episode, through its wrappers. It has
+    no memory: the policy is read and not copied.
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, ScenarioEnv):
@@ -335,7 +308,7 @@ def policy_controller(
     if _asks_whether_deterministic(predict):
         predict = functools.partial(predict, deterministic=True)
 
-    def policy(time: float, state: NDArray[np.float64], belief: Any) -> Any:
+    def policy(time: float, state: Floats, belief: Any) -> Any:
         values = np.array([*state, *(getattr(belief, name) for name in names)])[: len(scale)]
         action = predict(see(observed(values, scale)))
         if isinstance(action, tuple):
@@ -356,7 +329,6 @@ def policy_controller(
 
 
 def _asks_whether_deterministic(predict: Callable[..., Any]) -> bool:
-    """Return whether a function takes ``deterministic``, and it is not given yet."""
     if isinstance(predict, functools.partial) and "deterministic" in predict.keywords:
         return False
     try:

@@ -34,20 +34,13 @@ def require_gymnasium() -> None:
 
 
 def environment_id(scenario: str, *, randomize: bool = False) -> str:
-    """Return the name by which `gymnasium.make` finds a scenario, or its variant drawn at random.
-
-    The name leaves out the laboratory scenario, in which everything is drawn.
-    """
+    """Return the name of a scenario, or its variant drawn at random, without laboratory."""
     parts = ["CartPole", *([scenario] * (scenario != LABORATORY)), *(["Random"] * randomize)]
     return f"{NAMESPACE}/{'-'.join(parts)}-v0"
 
 
 def register() -> None:
-    """Make every scenario of the catalogue known to `gymnasium.make`; further calls do nothing.
-
-    Each is registered as it is, and with start and imperfections drawn at random; the laboratory
-    only drawn at random, M(t) and l(t) too. `ANY` takes any other.
-    """
+    """Make every scenario known to `gymnasium.make`, as it is and drawn at random; once."""
     require_gymnasium()
     from gymnasium.envs import registration
 
@@ -102,7 +95,6 @@ class _ThenRegister:
         self._loader = loader
 
     def __getattr__(self, name: str) -> Any:
-        """Return any other attribute of the loader."""
         return getattr(self._loader, name)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType | None:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import kernel, pointer
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.library import mj_forward, mj_reset_data, write_row
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.pool import require_threads
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
@@ -57,8 +58,7 @@ from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
-SHARES = 8
-"""Parts for each thread in which environments step: who is done with one takes the next."""
+SHARES = 8  # parts for each thread in which environments step: who is done with one takes the next
 
 
 class Many(NamedTuple):
@@ -72,31 +72,28 @@ class Many(NamedTuple):
     episodes: NDArray[np.int64]
     instants: NDArray[np.int64]
     # the state, its measurement, the parameters as they are shown, and the inputs that acted
-    truth: NDArray[np.float64]
-    seen: NDArray[np.float64]
-    told: NDArray[np.float64]
-    forces: NDArray[np.float64]
+    truth: Floats
+    seen: Floats
+    told: Floats
+    forces: Floats
 
 
-def _arrays(e: Episode, shown: NDArray[np.float64], pending: NDArray[np.float64]) -> list[Any]:
+def _arrays(e: Episode, shown: Floats, pending: Floats) -> list[Any]:
     """Return the arrays of an episode in the order in which compiled code takes their addresses."""
     return [*e.profile, e.rows, e.which, shown, pending]
 
 
 def _stacked(rows: Sequence[Any]) -> Any:
-    """Return named tuples as one whose fields have a row for each."""
     return type(rows[0])(*map(np.array, zip(*rows, strict=True)))
 
 
 def _put(stacked: Any, i: int, row: Any) -> None:
-    """Store a named tuple in row i of a stacked one."""
     for field, value in zip(stacked, row, strict=True):
         field[i] = value
 
 
 @kernel
 def _floats(where, columns):
-    """Return the array of an address and a length."""
     return carray(pointer(where[0]), (where[1], columns), np.float64)
 
 
@@ -108,13 +105,11 @@ def _numbers(where):
 
 @kernel
 def _whole_numbers(where):
-    """Return the array of an address and a length."""
     return carray(pointer(where[0]), (where[1],), np.int64)
 
 
 @kernel
 def _plant(i, many):
-    """Return model, sensors and profile of an environment."""
     a, s, e = many.at, many.sensors, many.episodes[i]
     at = Addresses(
         a.model[i], a.data[i], a.timestep[i], a.qpos[i], a.qvel[i], a.ctrl[i], a.applied[i],
@@ -135,11 +130,7 @@ def _plant(i, many):
 
 @kernel
 def _step(part, begins, hold, timestep, many, commands):
-    """Begin an episode in each environment of a part, or take a control period there.
-
-    begins: Whether episodes begin, from the states in ``many.truth``.
-    commands: What is commanded, shape (N, k).
-    """
+    """Begin episodes from the states in ``many.truth``, or take a control period, in a part."""
     r = many.runs
     for i in part:
         at, sensors, profile = _plant(i, many)
@@ -225,7 +216,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Any = None
-    ) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    ) -> tuple[Floats, dict[str, Any]]:
         """Start an episode in every environment."""
         count = range(self.num_envs)
         if seed is None or isinstance(seed, int):
@@ -249,17 +240,8 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def step(
         self, actions: ArrayLike
-    ) -> tuple[
-        NDArray[np.float64],
-        NDArray[np.float64],
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
-        """Hold an action in every environment over one control period.
-
-        actions: Inputs as shares of their limits, shape (N, k), clipped to -1 and 1.
-        """
+    ) -> tuple[Floats, Floats, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Hold an action, shares of the inputs' limits, in every environment."""
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
         values, many = np.asarray(actions, dtype=np.float64), self._many
@@ -303,7 +285,6 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self._first.close()
 
     def _draw(self, i: int) -> tuple[Scenario, Sequence[float], Episode]:
-        """Return the scenario of an environment's next episode, its start and its inputs."""
         task, physics = self._first.dm_environment.task, self._first.dm_environment.physics
         reseed(task, self._randoms[i])
         scenario, start = task.draw(physics.scenario)
@@ -314,7 +295,6 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return scenario, start, episode_of(model, scenario, self._timestep, self._hold)
 
     def _begin(self, i: int, scenario: Scenario, start: Sequence[float], e: Episode) -> None:
-        """Start an episode in one environment, as `ScenarioEnv.reset` does."""
         many, model = self._many, self._models[i]
         shown = e.now if self._first.parameters == PRIVILEGED else e.told
         self._kept[i] = arrays = _arrays(e, shown, no_commands(e.actuators))
@@ -329,13 +309,11 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         many.truth[i] = start
         _step(np.array([i]), True, self._hold, self._timestep, many, many.forces)
 
-    def _observations(self) -> NDArray[np.float64]:
-        """Return the observations of each environment, shape (N, numbers)."""
+    def _observations(self) -> Floats:
         told = [self._many.told] if self._first.parameters == OBSERVED else []
         return observed(np.concatenate([self._many.seen, *told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
-        """Return time, force, and what the settings add, as `SyncVectorEnv` does."""
         many = self._many
         forces = many.forces[:, 0] if many.forces.shape[1] == 1 else many.forces
         known = {"time": many.instants * self._timestep, "force": forces.copy()}
@@ -347,5 +325,4 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         return {**known, **{f"_{name}": there.copy() for name in known}}
 
 
-CartPoleVectorEnv = ScenarioVectorEnv
-"""What it was called when there was no other plant."""
+CartPoleVectorEnv = ScenarioVectorEnv  # what it was called when there was no other plant

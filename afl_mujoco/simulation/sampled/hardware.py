@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.compiled import inlined_kernel, jitable, kernel
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
 from afl_mujoco.simulation.mujoco_model import read_state
@@ -32,10 +33,7 @@ def _philox(c0, c1, c2, c3, k0, k1):
 
 @kernel
 def random_words(counter, key):
-    """Return the block of Philox4x32-10, four words.
-
-    counter, key: Words of 32 bits as uint64, shape (4,) and (2,).
-    """
+    """Return the block of Philox4x32-10 for a counter of four words and a key of two."""
     return _philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
 
@@ -88,8 +86,7 @@ reached. ``unsettled``: the first step from which the state has stayed within th
 row of the profile that the model has, -1 for none.
 """
 
-RUNNING = -1
-"""The status of a run that has not ended."""
+RUNNING = -1  # the status of a run that has not ended
 
 ACTUATOR = np.dtype(
     [
@@ -108,22 +105,22 @@ class RunState(NamedTuple):
 
     marks: Any  # how far it is, a record of `MARKS`
     drive: NDArray[Any]  # the state of each drive, shape (k,) of `DRIVE`
-    command: NDArray[np.float64]  # what is commanded, shape (k,) [N]
-    measured: NDArray[np.float64]  # the last measurement, shape (2 n,)
-    seen: NDArray[np.float64]  # positions and filtered rates of the last tick, shape (2 n,)
-    before: NDArray[np.float64]  # the state before and after a step, shape (2 n,)
-    after: NDArray[np.float64]
-    peak: NDArray[np.float64]  # largest deviations of the coordinates so far, shape (n,)
-    iae: NDArray[np.float64]  # integrals of their magnitudes, shape (n,)
-    space: NDArray[np.float64]  # work space, shape (k + 5 n,)
+    command: Floats  # what is commanded, shape (k,) [N]
+    measured: Floats  # the last measurement, shape (2 n,)
+    seen: Floats  # positions and filtered rates of the last tick, shape (2 n,)
+    before: Floats  # the state before and after a step, shape (2 n,)
+    after: Floats
+    peak: Floats  # largest deviations of the coordinates so far, shape (n,)
+    iae: Floats  # integrals of their magnitudes, shape (n,)
+    space: Floats  # work space, shape (k + 5 n,)
 
 
 class Sensors(NamedTuple):
     """How the state is measured."""
 
     noisy: bool  # whether any noise is added
-    noise: NDArray[np.float64]  # standard deviations, shape (2 n,)
-    step: NDArray[np.float64]  # resolutions of the coordinates, shape (n,)
+    noise: Floats  # standard deviations, shape (2 n,)
+    step: Floats  # resolutions of the coordinates, shape (n,)
     differentiated: bool  # whether velocities are differences of positions
     period: float  # control period [s]
     # share of the gap to the measured velocity that the filtered velocity closes in a period, 1
@@ -133,10 +130,7 @@ class Sensors(NamedTuple):
 
 
 def sensors_of(scenario: Scenario, period: float) -> Sensors:
-    """Return how the hardware of a scenario measures.
-
-    period: Control period [s].
-    """
+    """Return how the hardware of a scenario measures in a control period [s]."""
     r, plant = scenario.imperfections, scenario.plant
     return Sensors(
         noisy=r.noisy,
@@ -150,10 +144,7 @@ def sensors_of(scenario: Scenario, period: float) -> Sensors:
 
 
 def actuators_of(scenario: Scenario, timestep: float, steps: int) -> NDArray[Any]:
-    """Return how the hardware of a scenario acts, shape (k,) of `ACTUATOR`.
-
-    timestep: Physics step [s].
-    """
+    """Return how the hardware of a scenario acts in physics steps [s]."""
     r, inputs = scenario.imperfections, scenario.plant.inputs
     found = np.zeros(len(inputs), ACTUATOR)
     for one, name, limits in zip(found, inputs, scenario.limits.tolist(), strict=True):
@@ -171,21 +162,12 @@ def new_run(n: int = 2, k: int = 1) -> RunState:
     """Return the state of a run that has not begun: no force, no measurement, nothing written."""
     marks = np.zeros(1, MARKS)
     marks["status"] = marks["at_stop"] = marks["written"] = RUNNING
-    return RunState(
-        marks=marks[0],
-        drive=np.zeros(k, DRIVE),
-        command=np.zeros(k),
-        measured=np.zeros(2 * n),
-        seen=np.zeros(2 * n),
-        before=np.zeros(2 * n),
-        after=np.zeros(2 * n),
-        peak=np.zeros(n),
-        iae=np.zeros(n),
-        space=np.zeros(k + 5 * n),
-    )
+    of_states = {name: np.zeros(2 * n) for name in ("measured", "seen", "before", "after")}
+    others = {"peak": np.zeros(n), "iae": np.zeros(n), "space": np.zeros(k + 5 * n)}
+    return RunState(marks[0], np.zeros(k, DRIVE), np.zeros(k), **of_states, **others)
 
 
-def no_commands(actuators: NDArray[Any]) -> NDArray[np.float64]:
+def no_commands(actuators: NDArray[Any]) -> Floats:
     """Return a buffer, all zero, for the commands [N] that the transport delays can hold."""
     return np.zeros((int(actuators["late"].max(initial=0)) + 2, len(actuators)))
 
@@ -283,15 +265,11 @@ def _obey(actuator, drive, command, length):
 
 @inlined_kernel
 def actuate(actuator, drive, pending, index, command, k, length):
-    """Return the mean force of a drive over a physics step.
+    """Return the mean force of a drive over a physics step, or its length of one.
 
     Delay, slew limit and lag act continuously in time, one after the other, on a command that is
     held; a step gets the exact mean over the step, so that it delivers the right momentum with any
     of MuJoCo's integrators. The drive notes the force itself, which the mean would understate.
-
-    index: Which input it is, a column of the pending commands.
-    command: The command now, from `within_reach` [N].
-    length: Length of the step [step], at most 1.
     """
     before, share = command, min(actuator.later_share, length)
     if actuator.late > 0 or share > 0.0:  # a ring of past commands, one a step

@@ -25,6 +25,7 @@ from afl_mujoco.plants.library import (
     mj_step,
     write_row,
 )
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.simulation.mujoco_model import (
     impulse_jump,
     rate_forces,
@@ -54,19 +55,19 @@ _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 class Profile(NamedTuple):
     """What happens to the plant in each of K steps; the last applies from then on."""
 
-    rows: NDArray[np.float64]  # what is written into the model, shape (R, targets)
+    rows: Floats  # what is written into the model, shape (R, targets)
     which: NDArray[np.int64]  # the row of each step, shape (K,)
-    push: NDArray[np.float64]  # disturbing forces along coordinates [N, N m], shape (K, n)
-    beside: NDArray[np.float64]  # and beside the drives of inputs at sites, shape (K, k)
-    impulse: NDArray[np.float64]  # jumps of the momenta [N s, N m s], shape (K, n)
+    push: Floats  # disturbing forces along coordinates [N, N m], shape (K, n)
+    beside: Floats  # and beside the drives of inputs at sites, shape (K, k)
+    impulse: Floats  # jumps of the momenta [N s, N m s], shape (K, n)
     # the share of the step after which its jump acts, 0 at its start; -1 for none, shape (K,)
-    split: NDArray[np.float64]
+    split: Floats
     joins: NDArray[np.int64]  # 1 where what is new at the start joins at rest, else 0, shape (K,)
     # how bodies move in their frames under each of the rows, and the kicks where they are written,
     # for `rate_forces`, shape (R, bodies * 15); none where no rate acts. In the place of the world,
     # which does not move, the first number of a kick is the row of the instant, 0 for no kick
-    drift: NDArray[np.float64]
-    kicks: NDArray[np.float64]
+    drift: Floats
+    kicks: Floats
 
 
 class Plan(NamedTuple):
@@ -185,20 +186,13 @@ def _enter(at, plan, profile, run, record, k):
     if len(record) > 0:
         read_state(at, record[k])
         for i in range(at.k):
-            record[k, 2 * n + i], record[k, 2 * n + at.k + i] = (
-                run.drive[i].force,
-                run.drive[i].asked,
-            )
+            drive = run.drive[i]
+            record[k, 2 * n + i], record[k, 2 * n + at.k + i] = drive.force, drive.asked
 
 
 @inlined_kernel
 def start(at, plan, profile, run, record, initial_state):
-    """Put the plant at the start of its run.
-
-    record: Takes state, exerted inputs and commands at each instant, shape (N + 1, 2 n + 2 k), or
-        (0, 2 n + 2 k) for no record.
-    initial_state: Shape (2 n,).
-    """
+    """Put the plant at the start; `record` takes (N + 1, 2 n + 2 k) numbers, or none."""
     mj_reset_data(at.model, at.data)
     store(at.timestep, plan.timestep)
     write_state(at, initial_state)
@@ -288,11 +282,7 @@ def _drift(at, profile, run, row, half):
 
 @inlined_kernel
 def advance(at, plan, actuator, profile, run, pending, record):
-    """Continue to the next control tick, or to the end of the run, under ``run.command``.
-
-    NaN among the commands ends the run, and so does one beyond `STATE_LIMIT` that no limit of the
-    drive cuts off.
-    """
+    """Go on to the next control tick, or the end: a command without limit may be the end."""
     first, criterion, marks = run.marks.step, plan.criterion, run.marks
     if not _take(at, plan, actuator, run, record):
         return
@@ -321,7 +311,7 @@ def advance(at, plan, actuator, profile, run, pending, record):
 def run_to_end(
     at, plan, profile, run, pending, record, initial_state, sensors, actuator, kind, inputs
 ):
-    """Run the closed loop with a compiled controller from start to end."""
+    """Run the closed loop with a compiled controller."""
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.marks.status == RUNNING:
@@ -333,25 +323,10 @@ def run_to_end(
 
 @borrowing_kernel
 def run_estimating(
-    at,
-    plan,
-    profile,
-    run,
-    pending,
-    record,
-    initial_state,
-    sensors,
-    actuator,
-    compiled,
-    filter_,
-    settings,
-    estimates,
+    at, plan, profile, run, pending, record, initial_state, sensors, actuator, estimator
 ):
-    """Run the cart-pole in closed loop with a controller whose M, l and state are estimated.
-
-    estimates: Takes the estimated M [kg] and l [m] at each control tick, shape (T, 2), or (0, 2).
-    """
-    kind, table, masses, lengths = compiled
+    """Run the cart-pole with M, l and state estimated; `estimates` takes M, l of each tick."""
+    (kind, table, masses, lengths), filter_, settings, estimates = estimator
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.marks.status == RUNNING:

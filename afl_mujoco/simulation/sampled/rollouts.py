@@ -19,9 +19,9 @@ from afl_mujoco.pool import Task, require_threads, share
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import SNAP
+from afl_mujoco.scenario.time_steps import SNAP, Deployed
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import DWELL, Judgement, failure_of, judge, judge_ending
-from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.hardware import RunState
@@ -56,13 +56,11 @@ class Rollouts:
     requirements: tuple[tuple[Judgement, ...], ...]
 
     def __getattr__(self, name: str) -> NDArray[np.float64]:
-        """Return a figure of every run."""
         if name.startswith("_") or name not in self.figures:
             raise AttributeError(name)
         return self.figures[name]
 
     def __len__(self) -> int:
-        """Return how many runs there were."""
         return len(self.status)
 
     def outcome(self, index: int) -> Outcome:
@@ -156,10 +154,8 @@ def run_rollouts(
     array([0, 0])
     """
     controller, asked = as_controller(controller), as_scenarios(scenarios)
-    found = roll_out(
-        asked, controller, timestep=timestep, control_period=control_period,
-        integrator=integrator, threads=threads,
-    )  # fmt: skip
+    deployed = Deployed(integrator, timestep, control_period)
+    found = roll_out(asked, controller, deployed, threads=threads)
     runs = [one for one in found if isinstance(one, Rollout)]
     names = runs[0].figures if runs else ()
     return Rollouts(
@@ -173,43 +169,36 @@ def run_rollouts(
 def roll_out(
     scenarios: Sequence[Scenario],
     controller: Controller,
+    deployed: Deployed,
     *,
-    timestep: float | None = None,
-    control_period: float | None = None,
-    integrator: str = "RK4",
     threads: int = 1,
     keep: bool = False,
     caught: tuple[type[AflMujocoError], ...] = (),
 ) -> list[Rollout | AflMujocoError]:
-    """Return the runs of one controller, or the error of one of the types that are caught.
-
-    With `keep` the runs have their trajectories.
-    """
+    """Return runs, with `keep` their trajectories too, or the errors that are caught."""
     require_threads(threads)
     found: list[Any] = [None] * len(scenarios)
-    settings: Any = {"timestep": timestep, "control_period": control_period}
 
     def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Rollout:
-        if scenario.plant not in models:
-            models[scenario.plant] = SimulatedModel(scenario.plant, integrator=integrator)
-        model = models[scenario.plant]
+        plant = scenario.plant
+        if plant not in models:
+            models[plant] = SimulatedModel(plant, integrator=deployed.integrator)
+        model = models[plant]
         model.set_imperfections(scenario.imperfections)
         model.compute_only()
-        own = bound(controller, scenario)
-        timing = timing_of(scenario, model, **settings)
+        own, timing = bound(controller, scenario), timing_of(scenario, model, deployed)
+        asked, whole = scenario.requirements != NONE, None
         prepared = prepare(model, scenario, own, timing)
-        asked = scenario.requirements != NONE
         done, rows = perform(model, prepared, own, record=keep or asked)
         status, step = int(done.marks["status"]), int(done.marks["step"])
-        ended, whole = Outcome(OUTCOMES[status], float(timing.times[step])), None
+        ended = Outcome(OUTCOMES[status], float(timing.times[step]))
         if keep or asked:
-            whole = recorded(scenario, own, timing, done, rows, integrator)
+            whole = recorded(scenario, own, timing, done, rows, deployed.integrator)
         if asked and whole is not None:
             judged = judge(scenario, whole)
         else:  # which needs no record
             judged = judge_ending(scenario, ended, done.peak.tolist())
-        figures = _figures(scenario.plant, done, timing)
-        return Rollout(ended, figures, judged, whole if keep else None)
+        return Rollout(ended, _figures(plant, done, timing), judged, whole if keep else None)
 
     def task_on(models: dict[Plant, SimulatedModel]) -> Task:
         def run_part(part: slice) -> None:
@@ -229,7 +218,6 @@ def roll_out(
 
 
 def _figures(plant: Plant, run: RunState, timing: Timing) -> dict[str, float]:
-    """Return the figures of a run."""
     marks, times = run.marks, timing.times
     steps, settled, stopped = (int(marks[name]) for name in ("step", "unsettled", "at_stop"))
     dwelled = settled <= steps and times[steps] - times[settled] >= DWELL - SNAP * timing.timestep

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.estimator import EstimatedController, new_filter
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import (
+    DEFAULT,
     SNAP,
+    Deployed,
     Ticks,
     held_disturbances,
     instants,
@@ -36,32 +39,24 @@ from afl_mujoco.simulation.sampled.hardware import (
     sense,
     sensors_of,
 )
-from afl_mujoco.simulation.trajectory import (
-    OUTCOMES,
-    Outcome,
-    Trajectory,
-    assemble,
-    criterion_of,
-)
+from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble, criterion_of
 
-LONG_AGO = 1e9
-"""Before that nothing was known of the plant [s]; a longer delay is the same."""
+LONG_AGO = 1e9  # before that nothing was known of the plant [s]; a longer delay is the same
 
 MOST_FINER = 1000
 """Largest factor by which a run makes its step finer for the damping of the joints."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PreparedRun:
+class PreparedRun(NamedTuple):
     """A run that is ready to go."""
 
     plan: loop.Plan  # its numbers
     sensors: Sensors
     actuators: NDArray[Any]
     profile: loop.Profile  # what happens to the plant
-    initial_state: NDArray[np.float64]
+    initial_state: Floats
     # inputs of the controller at each control tick, as in `loop.run_to_end`
-    inputs: NDArray[np.float64]
+    inputs: Floats
     estimator: Estimator | None  # the estimator of M, l and the state, None if there is none
 
 
@@ -72,40 +67,19 @@ class Timing(NamedTuple):
     hold: int  # physics steps of a control period
     period: float  # control period [s]
     # ends of the steps [s], shape (N + 1,); the last step may be shorter
-    times: NDArray[np.float64]
+    times: Floats
     asked: float  # physics step before it was made finer [s]
 
-    @property
-    def last(self) -> float:
-        """Length of the last step [s]; the timestep itself unless it is shorter."""
-        length = float(self.times[-1]) - (len(self.times) - 2) * self.timestep
-        return length if length < (1.0 - SNAP) * self.timestep else self.timestep
 
-
-def timing_of(
-    scenario: Scenario,
-    model: SimulatedModel,
-    *,
-    timestep: float | None = None,
-    control_period: float | None = None,
-) -> Timing:
+def timing_of(scenario: Scenario, model: SimulatedModel, deployed: Deployed = DEFAULT) -> Timing:
     """Return the instants of a run, its step fine enough for the damping in the model."""
-    asked = ticks_of(scenario, timestep, control_period)
-    ticks = fine_enough(asked, model.decay_rate(scenario.spans))
-    return Timing(
-        timestep=ticks.timestep,
-        hold=ticks.hold,
-        period=asked.period,
-        times=step_times(scenario.duration, ticks.timestep),
-        asked=asked.timestep,
-    )
+    asked = ticks_of(scenario, deployed.timestep, deployed.control_period)
+    step, hold = fine_enough(asked, model.decay_rate(scenario.spans))
+    return Timing(step, hold, asked.period, step_times(scenario.duration, step), asked.timestep)
 
 
 def fine_enough(ticks: Ticks, rate: float) -> Ticks:
-    """Return ticks whose physics steps are no longer than the fastest decay, or raise.
-
-    rate: `SimulatedModel.decay_rate` [1/s].
-    """
+    """Return ticks whose steps are no longer than the fastest decay [1/s], or raise."""
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
     if finer > MOST_FINER:
@@ -118,36 +92,29 @@ def prepare(
     model: SimulatedModel, scenario: Scenario, controller: Controller, timing: Timing
 ) -> PreparedRun:
     """Sample all inputs of a scenario on the steps and ticks of a run."""
-    s, r = scenario, scenario.imperfections
-    times, hold, period = timing.times, timing.hold, timing.period
-    count = len(times) - 1
+    s, (step, hold, period, times, _), count = scenario, timing, len(timing.times) - 1
+    length = float(times[-1]) - (count - 1) * step  # of the last step
     last = min(last_change(s), s.duration)
-    changing = min(math.ceil(last / timing.timestep) + 1, count)
-    known_until = min(last + r.parameter_delay, s.duration)
-    ticks = _grid(min(math.ceil(known_until / period) + 2, -(-count // hold)))
-    told = told_parameters(s, ticks * hold * timing.timestep)
-    given = told
+    changing = min(math.ceil(last / step) + 1, count)
+    known_until = min(last + s.imperfections.parameter_delay, s.duration)
+    number = min(math.ceil(known_until / period) + 2, -(-count // hold))
+    ticks: Floats = np.arange(number, dtype=np.float64) * hold * step
+    told = given = told_parameters(s, ticks)
+    estimator = None
     if controller.estimates:  # it is told neither M nor l
-        given = told_parameters(replace(s, belief=TRUTH), ticks * hold * timing.timestep)
+        given = told_parameters(replace(s, belief=TRUTH), ticks)
         given[:, 1], given[:, 3] = told[:, 1], told[:, 3]
+        at_start = replace(s.parameters_at(0.0), pole_mass=told[0, 1], gravity=told[0, 3])
+        estimator = controller.estimator_for(at_start)
+    shorter = length if length < (1.0 - SNAP) * step else step
     return PreparedRun(
-        plan=loop.Plan(
-            steps=count,
-            hold=hold,
-            timestep=timing.timestep,
-            last=timing.last,
-            criterion=criterion_of(s),
-        ),
+        plan=loop.Plan(count, hold, step, shorter, criterion_of(s)),
         sensors=sensors_of(s, period),
-        actuators=actuators_of(s, timing.timestep, count),
+        actuators=actuators_of(s, step, count),
         profile=input_profile(model, s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
-        estimator=controller.estimator_for(
-            replace(s.parameters_at(0.0), pole_mass=told[0, 1], gravity=told[0, 3])
-        )
-        if controller.estimates
-        else None,
         inputs=controller.inputs_for(s.plant, given),
+        estimator=estimator,
     )
 
 
@@ -157,23 +124,14 @@ def last_change(scenario: Scenario) -> float:
     return max((t for source in sources for t in source.breakpoints), default=0.0)
 
 
-def told_parameters(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return parameters as a controller is told them at some times, late and with an error.
-
-    times: Times of its control ticks [s].
-    Returns ndarray: Shape (N, parameters).
-    """
+def told_parameters(scenario: Scenario, times: Floats) -> Floats:
+    """Return parameters as a controller is told them at times [s], late and wrong."""
     late = scenario.imperfections.parameter_delay
     return scenario.told_values(instants(np.maximum(times - late, -LONG_AGO)))
 
 
-def input_profile(
-    model: SimulatedModel, scenario: Scenario, times: NDArray[np.float64]
-) -> loop.Profile:
-    """Return what happens to the plant in each step of a grid.
-
-    times: Ends of the steps [s], shape (N + 1,); after the last of them nothing changes.
-    """
+def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> loop.Profile:
+    """Return what happens to the plant in each step of a grid, and after the last."""
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
     rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
@@ -196,20 +154,11 @@ def input_profile(
     if at_site.any():
         rule = "must name a coordinate: this input does not act on one joint"
         raise InvalidValueError("impulse on an input", rule)
-    return loop.Profile(
-        rows=rows,
-        which=which,
-        push=push,
-        beside=beside,
-        impulse=impulse,
-        split=held.split,
-        joins=_joins(scenario, times),
-        drift=drift,
-        kicks=kicks,
-    )
+    joins = _joins(scenario, times)
+    return loop.Profile(rows, which, push, beside, impulse, held.split, joins, drift, kicks)
 
 
-def _joins(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.int64]:
+def _joins(scenario: Scenario, times: Floats) -> NDArray[np.int64]:
     """Return 1 for the steps of a grid at whose start a mass joins at rest, else 0."""
     found = np.zeros(len(times) - 1, dtype=np.int64)
     middles = 0.5 * (times[:-1] + times[1:])
@@ -219,25 +168,15 @@ def _joins(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.int64]:
     return found
 
 
-def _grid(count: int) -> NDArray[np.float64]:
-    """Return 0, 1, ..., as floats."""
-    return np.arange(count, dtype=np.float64)
-
-
 def perform(
     model: SimulatedModel,
     prepared: PreparedRun,
     controller: Controller,
     *,
     record: bool,
-    estimates: NDArray[np.float64] | None = None,
-) -> tuple[RunState, NDArray[np.float64]]:
-    """Run the loop from start to end.
-
-    estimates: Takes the estimates of M [kg] and l [m] at each control tick, shape (T, 2).
-    Returns record: State, exerted inputs and commands, shape (N + 1, 2 n + 2 k), or (0, 2 n + 2 k)
-        if they are not kept; a run that ends early fills only the first rows.
-    """
+    estimates: Floats | None = None,
+) -> tuple[RunState, Floats]:
+    """Run the loop; return state, inputs and commands of each instant too, if `record`."""
     at, plan, actuators = model.addresses, prepared.plan, prepared.actuators
     run, pending = new_run(at.n, at.k), no_commands(actuators)
     rows = np.empty((plan.steps + 1 if record else 0, 2 * at.n + 2 * at.k))
@@ -246,7 +185,7 @@ def perform(
     if (estimator := prepared.estimator) is not None:
         kept = np.empty((0, 2)) if estimates is None else estimates
         filter_ = (estimator.compiled, new_filter(), estimator.settings, kept)
-        loop.run_estimating(*plant, pending, rows, *devices, *filter_)
+        loop.run_estimating(*plant, pending, rows, *devices, filter_)
     elif not controller.interpreted:
         loop.run_to_end(*plant, pending, rows, *devices, controller.kind, prepared.inputs)
     else:
@@ -265,23 +204,20 @@ def perform(
 def simulate_sampled(
     scenario: Scenario,
     controller: Controller,
+    deployed: Deployed = DEFAULT,
     *,
-    timestep: float | None = None,
-    control_period: float | None = None,
-    integrator: str = "RK4",
     model: SimulatedModel | None = None,
-    estimates: NDArray[np.float64] | None = None,
+    estimates: Floats | None = None,
 ) -> Trajectory:
     """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode."""
     if model is None:
-        model = SimulatedModel(
-            scenario.plant, integrator=integrator, imperfections=scenario.imperfections
-        )
+        r, integrator = scenario.imperfections, deployed.integrator
+        model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=r)
         model.compute_only()
-    timing = timing_of(scenario, model, timestep=timestep, control_period=control_period)
+    timing = timing_of(scenario, model, deployed)
     prepared = prepare(model, scenario, controller, timing)
     run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
-    return recorded(scenario, controller, timing, run, rows, integrator)
+    return recorded(scenario, controller, timing, run, rows, deployed.integrator)
 
 
 def recorded(
@@ -289,34 +225,23 @@ def recorded(
     controller: Controller,
     timing: Timing,
     run: RunState,
-    rows: NDArray[np.float64],
+    rows: Floats,
     integrator: str,
 ) -> Trajectory:
     """Return the trajectory of a recorded run from what `perform` returned."""
     count, k = int(run.marks["step"]), len(scenario.plant.inputs)
-    settings = {
-        "timestep": timing.timestep,
-        "control_period": timing.period,
-        "integrator": integrator,
-    }
+    settings: dict[str, Any] = {"timestep": timing.timestep, "control_period": timing.period}
+    settings["integrator"] = integrator
     if timing.asked != timing.timestep:
         settings["asked_timestep"] = timing.asked
     kept = rows[: count + 1]
     states, inputs, commands = np.split(kept, [kept.shape[1] - 2 * k, kept.shape[1] - k], axis=1)
     if k == 1:
         inputs, commands = inputs[:, 0], commands[:, 0]
-    return assemble(
-        scenario,
-        controller,
-        "mujoco sampled",
-        settings,
-        timing.times,
-        states,
-        Outcome(OUTCOMES[int(run.marks["status"])], float(timing.times[count])),
-        inputs,
-        command=commands,
-        effort=effort_of(scenario.plant.inputs, run, timing),
-    )
+    outcome = Outcome(OUTCOMES[int(run.marks["status"])], float(timing.times[count]))
+    result = ("mujoco sampled", settings, timing.times, states, outcome, inputs)
+    effort = effort_of(scenario.plant.inputs, run, timing)
+    return assemble(scenario, controller, *result, command=commands, effort=effort)
 
 
 def effort_of(inputs: Sequence[str], run: RunState, timing: Timing) -> dict[str, float]:
@@ -324,13 +249,11 @@ def effort_of(inputs: Sequence[str], run: RunState, timing: Timing) -> dict[str,
     ended = float(timing.times[int(run.marks["step"])])
     found: dict[str, float] = {}
     for name, drive in zip(inputs, run.drive, strict=True):
-        names = effort_names(inputs, name)
         share = float(drive["limited"]) * timing.timestep / ended if ended else 0.0
         squared = float(drive["force_squared"]) * timing.timestep
         largest = (float(drive["max_command"]), float(drive["max_force"]))
-        found |= dict(
-            zip(names, (*largest, squared, float(drive["force_variation"]), share), strict=True)
-        )
+        figures = (*largest, squared, float(drive["force_variation"]), share)
+        found |= dict(zip(effort_names(inputs, name), figures, strict=True))
     return found
 
 
@@ -339,31 +262,19 @@ class EstimatedRun:
     """A run and its estimates."""
 
     run: Trajectory  # the run
-    time: NDArray[np.float64]  # control ticks that the run reached [s], shape (T,)
+    time: Floats  # control ticks that the run reached [s], shape (T,)
     # M [kg] and l [m] that the command of each tick assumed, shape (T,)
-    cart_mass: NDArray[np.float64]
-    half_length: NDArray[np.float64]
+    cart_mass: Floats
+    half_length: Floats
 
 
 def simulate_estimated(
-    scenario: Scenario,
-    controller: EstimatedController,
-    *,
-    timestep: float | None = None,
-    control_period: float | None = None,
-    integrator: str = "RK4",
+    scenario: Scenario, controller: EstimatedController, deployed: Deployed = DEFAULT
 ) -> EstimatedRun:
     """Simulate a scenario as `simulate_mujoco` does in sampled mode, and keep the estimates."""
-    period = ticks_of(scenario, timestep, control_period).period
+    period = ticks_of(scenario, deployed.timestep, deployed.control_period).period
     estimates = np.full((int(scenario.duration / period) + 2, 2), np.nan)
-    run = simulate_sampled(
-        scenario,
-        controller,
-        timestep=timestep,
-        control_period=control_period,
-        integrator=integrator,
-        estimates=estimates,
-    )
+    run = simulate_sampled(scenario, controller, deployed, estimates=estimates)
     assumed = estimates[~np.isnan(estimates[:, 0])]
     time = np.asarray(np.arange(len(assumed)) * period, dtype=np.float64)
     return EstimatedRun(run=run, time=time, cart_mass=assumed[:, 0], half_length=assumed[:, 1])

@@ -16,8 +16,8 @@ from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import time_grid
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.integrator import integrate
-from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import Loop, require_equations

@@ -18,13 +18,13 @@ from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.control.law import control_force
-from afl_mujoco.plant.dynamics import (
+from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole_equations import (
     cart_acceleration,
     mass_matrix,
     pole_acceleration,
     velocity_jump,
 )
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.library import write_row
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters

@@ -11,8 +11,8 @@ import numpy as np
 
 from afl_mujoco.control.law import linearizing_force
 from afl_mujoco.files import read_json
-from afl_mujoco.plant.dynamics import acceleration
 from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole_equations import acceleration
 from afl_mujoco.report.blocks import Status
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import CartPoleParameters

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.plant.dynamics import acceleration
+from afl_mujoco.plants.cartpole_equations import acceleration
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.plant.energy import linear_momentum, total_energy
+from afl_mujoco.plants.cartpole_equations import linear_momentum, total_energy
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import (
     MOMENTA,

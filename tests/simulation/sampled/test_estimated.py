@@ -12,6 +12,7 @@ from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
 from afl_mujoco.simulation.sampled.rollouts import run_rollouts
@@ -35,7 +36,8 @@ def by_hand(scenario, controller):
     Returns states and forces, and the last estimates.
     """
     model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
-    run = prepare(model, scenario, controller, timing_of(scenario, model, timestep=1e-3))
+    timing = timing_of(scenario, model, Deployed(timestep=1e-3))
+    run = prepare(model, scenario, controller, timing)
     pending, rows = no_commands(run.actuators), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
     filtering, start = estimator.new_filter(), scenario.parameters_at(0.0)

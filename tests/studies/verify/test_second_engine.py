@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from afl_mujoco import CartPoleModel, CartPoleParameters, acceleration
-from afl_mujoco.plant.dynamics import mass_matrix
-from afl_mujoco.plant.energy import total_energy
 from afl_mujoco.plants.cartpole import CART_HALF_SIZE, model_file
+from afl_mujoco.plants.cartpole_equations import mass_matrix, total_energy
 from afl_mujoco.studies.verify.checks import random_plant
 
 try:

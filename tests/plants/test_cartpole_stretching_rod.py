@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 import sympy as sp
 
-from afl_mujoco.plant.dynamics import cart_acceleration, pole_acceleration
-from afl_mujoco.plant.stretching_rod import stretching_accelerations
+from afl_mujoco.plants.cartpole_equations import (
+    cart_acceleration,
+    pole_acceleration,
+    stretching_accelerations,
+)
 
 ROUND_OFF = 1e-11  # relative, as A1
 

@@ -7,24 +7,16 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.linear import (
-    NODES,
-    LinearFeedback,
-    Rest,
-    holding_input,
-    largest_of,
-)
+from afl_mujoco.control.linear import NODES, LinearFeedback, Rest, holding_input, largest_of
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.scenario import Scenario
 
-STEP = 1e-6
-"""Step of the central differences [rad, m, rad/s, m/s]."""
+STEP = 1e-6  # step of the central differences [rad, m, rad/s, m/s]
 
 
 def bound(controller: Controller, scenario: Scenario) -> Controller:
@@ -53,7 +45,7 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
     ]
     model = plant_model(plant, threading.get_ident())
 
-    def rest(values: NDArray[np.float64]) -> Rest:
+    def rest(values: Floats) -> Rest:
         return rest_of(model, np.array(scenario.target), values)
 
     grids = {}
@@ -77,7 +69,7 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
 
 
 @lru_cache(maxsize=32)
-def _known(plant: Plant, *weights: tuple[float, ...]) -> dict[bytes, NDArray[np.float64]]:
+def _known(plant: Plant, *weights: tuple[float, ...]) -> dict[bytes, Floats]:
     """Return where the designs of a plant with some target and weights are kept."""
     return {}
 
@@ -88,7 +80,7 @@ def plant_model(plant: Plant, thread: int) -> PlantModel:
     return PlantModel(plant)
 
 
-def rest_of(model: PlantModel, q: NDArray[np.float64], values: NDArray[np.float64]) -> Rest:
+def rest_of(model: PlantModel, q: Floats, values: Floats) -> Rest:
     """Return a plant at rest at some coordinates, by MuJoCo's own terms."""
     row = model.rows(values)
     model.require(row, np.atleast_2d(values))

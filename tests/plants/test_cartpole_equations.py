@@ -5,8 +5,11 @@ import pytest
 import sympy as sp
 
 from afl_mujoco import CartPoleParameters, acceleration, mass_matrix
-from afl_mujoco.plant.dynamics import velocity_jump
-from afl_mujoco.plant.energy import linear_momentum, total_energy
+from afl_mujoco.plants.cartpole_equations import (
+    linear_momentum,
+    total_energy,
+    velocity_jump,
+)
 
 ROUNDING = 1e-12  # relative: a few hundred roundings in either formula
 

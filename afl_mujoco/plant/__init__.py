@@ -1,1 +1,0 @@
-"""The plant: the analytic equations of motion of the paper."""
