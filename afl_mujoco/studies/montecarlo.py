@@ -17,7 +17,7 @@ from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.report.numbers import MISSING, fixed, percent, short
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.ranges import FIXED
@@ -296,12 +296,14 @@ def _rates(result: Result) -> Matrix:
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
         margins = [run.margin for run in some if run.margin is not None]
-        passes, settles = (result.rates[name][key] for key in ("passes", "settles"))
+        shares = (
+            f"{percent(share, 3)} ({fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)})"
+            for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
+        )
         rows.append(
             [
                 name,
-                f"{percent(passes[0], 3)} ({interval(passes[1:])})",
-                f"{percent(settles[0], 3)} ({interval(settles[1:])})",
+                *shares,
                 percent(median(margins)) if margins else MISSING,
                 "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING,
             ]
@@ -314,13 +316,7 @@ def _rates(result: Result) -> Matrix:
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals"
         + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
-        columns=[
-            "Controller",
-            "Passes [%]",
-            "Settles [%]",
-            "Median margin",
-            "How it fails",
-        ],
+        columns=["Controller", "Passes [%]", "Settles [%]", "Median margin", "How it fails"],
         rows=rows,
     )
 
