@@ -26,8 +26,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.contract import Interrupted, Progress, Study
-from afl_mujoco.studies.registry import find_study, listed
+from afl_mujoco.studies.contract import Interrupted, Progress, Study, find_study, listed
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry

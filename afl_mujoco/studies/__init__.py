@@ -1,1 +1,1 @@
-"""The studies, one folder each, found by `registry`; shared code is beside the folders."""
+"""The studies, one file each with a `STUDY`, as `contract.listed` finds them; what they share."""

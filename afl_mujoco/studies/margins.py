@@ -40,7 +40,7 @@ from afl_mujoco.studies.loop_margins import (
     loop_margins,
     require_rest,
 )
-from afl_mujoco.studies.tables import later
+from afl_mujoco.studies.tables import heat
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
@@ -586,7 +586,7 @@ def report(result: Result) -> Report:
                 name="margins-delay",
                 title=f"Delay margin [ms], {held}",
                 caption="On the plants at the ends of the ranges, and a middle.",
-                draw=later("heat", [*cells], plants, grades, texts, GRADES),
+                draw=partial(heat, [*cells], plants, grades, texts, GRADES),
             ),
             _table(r, held),
         ]
