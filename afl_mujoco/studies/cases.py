@@ -45,7 +45,7 @@ Case = tuple[Scenario, Controller, Settings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class Simulated:
     """One case in one simulator: how it ended, and its metrics."""
 
     scenario: str
@@ -53,11 +53,6 @@ class Run:
     simulator: str
     outcome: str
     metrics: Metrics
-
-
-def case_name(case: Case) -> str:
-    """Return the name of a case in a progress bar."""
-    return f"{case[0].name} / {case[1].name}"
 
 
 def closed_loop_runs(
@@ -78,10 +73,10 @@ def closed_loop_runs(
 
 def reported_runs(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
-) -> tuple[Run, ...]:
+) -> tuple[Simulated, ...]:
     """Return the runs of `REPORTED` with their metrics, except the objective."""
     return tuple(
-        Run(
+        Simulated(
             scenario=scenario.name,
             controller=controller.name,
             simulator=name,

@@ -521,7 +521,6 @@ class Request:
 
 
 def _ids(letter: str) -> dict[str, str]:
-    """Return the rows of all terms: the accelerations have the first."""
     return {term: f"{letter}{i}" for term, i in zip(WORDS, (2, 3, 4, 1), strict=True)}
 
 
@@ -530,7 +529,6 @@ def _place(worst: Worst) -> str:
 
 
 def _fields(found: Mapping[str, int]) -> str:
-    """Return the fields that differ, in brackets."""
     return f" ({', '.join(list(found)[:4])})" if found else ""
 
 
@@ -546,13 +544,13 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _difference(one: Floats, other: Floats, floor: Floats | float = 0.0) -> Floats:
-    """Return absolute differences as shares of the largest component of each point.
+    """Return differences as shares of the largest component of each point, `floor` (N,) at least.
 
-    floor: The least size of a component, (N,): what should be zero is rounding, and no share of it.
+    What should be zero is rounding, and no share of it.
     """
     axes = tuple(range(1, one.ndim))
-    size = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
-    size = np.maximum(size, floor)
+    largest = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
+    size = np.maximum(largest, floor)
     gap = np.abs(one - other) / np.where(size > 0.0, size, 1.0).reshape(-1, *(1 for _ in axes))
     return np.where(np.isnan(gap), np.inf, gap)
 

@@ -27,7 +27,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
-from afl_mujoco.simulation.trajectory import Layout, Trajectory, controller_inputs
+from afl_mujoco.simulation.trajectory import Layout, controller_inputs
 from afl_mujoco.studies.arrays import Array
 from afl_mujoco.studies.contract import (
     ControllerNames,
@@ -36,7 +36,7 @@ from afl_mujoco.studies.contract import (
     Study,
     counted,
     silent,
-)
+)  # fmt: skip
 from afl_mujoco.studies.robustness import require_runs
 from afl_mujoco.studies.run import Rows, Run, numbered, run_kept
 from afl_mujoco.studies.tables import (
@@ -145,39 +145,19 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Result:
-    """Controllers compared.
-
-    Attributes
-    ----------
-    scenarios
-        The scenarios.
-    rows
-        Runs of every scenario with every controller, draw by draw.
-    metrics
-        All figures of each of these runs, as in `simulation.metrics`; none if its controller
-        failed.
-    remarks
-        What a reader should know about the first draw of each, by ``scenario/controller``.
-    curves
-        The first draw of each over time, by ``scenario/controller``; none if the controller failed.
-    timestep, control_period, integrator
-        How they were deployed; a period of None means that of the scenario, else one step.
-    film
-        The controllers as they were asked for, if they are to be filmed.
-    """
+    """Controllers compared; what is kept of the first draw alone is by ``scenario/controller``."""
 
     scenarios: tuple[Scenario, ...]
-    rows: Rows
-    metrics: tuple[Mapping[str, float | None], ...]
-    remarks: Mapping[str, tuple[str, ...]]
-    curves: Mapping[str, Curves]
-    timestep: float | None
-    control_period: float | None
+    rows: Rows  # runs of every scenario with every controller, draw by draw
+    metrics: tuple[Mapping[str, float | None], ...]  # of each run; empty if its controller failed
+    remarks: Mapping[str, tuple[str, ...]]  # what a reader should know about the first draws
+    curves: Mapping[str, Curves]  # the first draws over time, but of controllers that failed
+    timestep: float | None  # how they were deployed
+    control_period: float | None  # None for that of the scenario, else one step
     integrator: str
-    film: tuple[str, ...] = ()
+    film: tuple[str, ...] = ()  # the controllers as they were asked for, if they are to be filmed
 
     def __post_init__(self) -> None:
-        """Raise if the parts contradict each other."""
         names = {scenario.name for scenario in self.scenarios}
         if not self.rows or {run.scenario for run in self.rows} != names:
             raise ValueError("rows must be runs of the scenarios")
@@ -330,7 +310,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         drawn = draws_of(scenario, draws)
         runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
         rows += numbered(runs)
-        figures += [_figures(*one, controller) for one in zip(drawn, kept, strict=True)]
+        figures += [{} if run is None else metrics(one, controller, run)
+                    for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
             remarks[key] = tuple(remarks_on(first, scenario, controller))
@@ -350,11 +331,6 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
     )
 
 
-def _figures(scenario: Scenario, run: Trajectory | None, controller: Controller) -> Figures:
-    """Return all figures of a run, none if its controller failed."""
-    return {} if run is None else metrics(scenario, controller, run)
-
-
 # --- what is shown ------------------------------------------------------------------------------
 
 
@@ -366,25 +342,17 @@ def report(result: Result) -> Report:
         (f"{scenario}: " if several else "") + f"{controller} {_score(draws)}"
         for (scenario, controller), draws in cases.items()
     ]
-    blocks: list[Block] = []
-    for number, scenario in enumerate(result.scenarios, 1):
-        blocks += _shown(result, number, scenario)
     names = dict.fromkeys(controller for _, controller in cases)
+    passing = len(names) - len({run.controller for run in result.rows if run.missed})
     on = ", ".join(scenario.name for scenario in result.scenarios)
+    each = enumerate(result.scenarios, 1)
     return Report(
         title=f"{on}: {', '.join(names)}",
         headline=" · ".join(said),
         passed=result.passed,
-        verdict=_verdict(result, list(names)),
-        blocks=blocks,
+        verdict=f"{passing} OF {len(names)} PASS" if 0 < passing < len(names) else "",
+        blocks=[block for number, one in each for block in _shown(result, number, one)],
     )
-
-
-def _verdict(result: Result, names: Sequence[str]) -> str:
-    """Return how many controllers pass everything, where some do and some do not."""
-    failing = {run.controller for run in result.rows if run.missed}
-    passing = len(names) - len(failing)
-    return f"{passing} OF {len(names)} PASS" if failing and passing else ""
 
 
 def _score(draws: Sequence[Run]) -> str:
@@ -399,7 +367,6 @@ def _score(draws: Sequence[Run]) -> str:
 
 
 def _answer(result: Result, scenario: Scenario) -> list[Block]:
-    """Return requirements by controllers, what each run needs, remarks, and how one failed."""
     draws = result.draws_of(scenario)
     lines = []
     for name, ((first, _), *_) in draws.items():
@@ -417,7 +384,6 @@ def _answer(result: Result, scenario: Scenario) -> list[Block]:
 
 
 def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
-    """Return what is shown of a scenario."""
     draws, blocks = result.draws_of(scenario), _answer(result, scenario)
     if curves := result.curves_on(scenario):
         endings = {name: some[0][0].ending for name, some in draws.items()}
@@ -456,15 +422,11 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
             **more,
         )
 
-    panels = [
-        panel(
-            name,
-            {one: run.state[:, k] for one, run in runs.items()},
-            about=scenario.target[k],
-            band=scenario.band(name) if rests else None,
-        )
-        for k, name in enumerate(plant.coordinates)
-    ]
+    panels = []
+    for k, name in enumerate(plant.coordinates):
+        states = {one: run.state[:, k] for one, run in runs.items()}
+        band = scenario.band(name) if rests else None
+        panels.append(panel(name, states, about=scenario.target[k], band=band))
     for k, name in enumerate(plant.inputs):
         force = {one: run.of(k, run.force) for one, run in runs.items()}
         pale = {one: (run.time, command) for one, run in runs.items()
@@ -490,7 +452,6 @@ _WORDS = {"z": "cart position z", "phi": "pole angle φ", "force": "force F",
 
 
 def _label(name: str, plant: Plant) -> str:
-    """Return the label of a quantity."""
     words = _WORDS.get(name, name) if plant is CART_POLE else name
     return labelled(words, plant.units.get(name, ""))
 

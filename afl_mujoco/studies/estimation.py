@@ -98,6 +98,8 @@ def prepare(options: Options) -> Request:
 
 # --- what is found ------------------------------------------------------------------------------
 
+Curves = dict[str, dict[str, tuple[Array, Array]]]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
@@ -119,7 +121,7 @@ class Case:
     loops: tuple[Loop, ...]
     # by quantity, what is true and what is estimated up to `UNTIL`: instants [s] and values. Those
     # estimated are of the first seed, the true angle is of the loop without noise
-    curves: dict[str, dict[str, tuple[Array, Array]]]
+    curves: Curves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,24 +173,15 @@ def run_case(unit: Request) -> Case:
         (time <= UNTIL).nonzero()[0][::EVERY] for time in (found.time, first.time, oracle.time)
     )
     time = found.time[part]
-    return Case(
-        scenario=scenario.name,
-        loops=tuple(loops),
-        curves={
-            "cart mass M [kg]": {
-                TRUE: (time, scenario.cart_mass(time)),
-                ESTIMATED: (time, found.cart_mass[part]),
-            },
-            "half-length l [m]": {
-                TRUE: (time, scenario.half_length(time)),
-                ESTIMATED: (time, found.half_length[part]),
-            },
-            "pole angle φ [rad]": {
-                TRUE: (oracle.time[its], oracle.state[its, 1]),
-                ESTIMATED: (first.time[mine], first.state[mine, 1]),
-            },
-        },
-    )
+    pairs = {
+        "cart mass M [kg]": ((time, scenario.cart_mass(time)), (time, found.cart_mass[part])),
+        "half-length l [m]": ((time, scenario.half_length(time)), (time, found.half_length[part])),
+        "pole angle φ [rad]": (
+            (oracle.time[its], oracle.state[its, 1]), (first.time[mine], first.state[mine, 1])
+        ),
+    }  # fmt: skip
+    curves = {label: {TRUE: a, ESTIMATED: b} for label, (a, b) in pairs.items()}
+    return Case(scenario=scenario.name, loops=tuple(loops), curves=curves)
 
 
 @cache
@@ -202,7 +195,6 @@ def _scales() -> Any:
 def _loop(
     parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory | None]
 ) -> Loop:
-    """Return the cost of one loop over its runs."""
     from afl_mujoco.simulation.scoring import with_objective
 
     there = [run for run in runs if run is not None]
@@ -282,8 +274,7 @@ def _loops(result: Result) -> Matrix:
     )  # fmt: skip
 
 
-def _draw(made: dict[str, dict[str, tuple[Array, Array]]]) -> Any:
-    """Draw M, l and the pole angle, true and estimated."""
+def _draw(made: Curves) -> Any:
     from afl_mujoco.report.figures import Panel, curves
 
     ends = [float(time[-1]) for pair in made.values() for time, _ in pair.values()]

@@ -36,9 +36,8 @@ def shown_of(
     log: Log, starts: Starts, read: Values, values: dict[str, float], number: int = 0
 ) -> Shown:
     """Return a log, by its number among the logs, beside its predictions, one after the other."""
-    w, first = starts.windows, starts.past - 1
+    w, first, turn = starts.windows, starts.past - 1, 2.0 * np.pi
     scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
-    turn = 2.0 * np.pi
     chosen, free_from = [], -np.inf
     for b in np.flatnonzero(w.log == number).tolist():
         if w.time[b, first] >= free_from - 1e-9:

@@ -19,12 +19,7 @@ from afl_mujoco.identification.log import Log
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
 from afl_mujoco.report.numbers import percent, short
 from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import (
-    AHEAD,
-    Shown,
-    draw_shown,
-    shown_of,
-)
+from afl_mujoco.studies.identified_parts import AHEAD, Shown, draw_shown, shown_of
 
 ESTIMATES, SCENARIO = "estimates.json", "identified.toml"
 
@@ -73,12 +68,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     """Identify the cart-pole."""
     from afl_mujoco.identification.identify import identify
 
-    identified = identify(
-        request.logs,
-        request.description,
-        workers=workers,
-        progress=partial(progress, "identifying"),
-    )
+    told = partial(progress, "identifying")
+    identified = identify(request.logs, request.description, workers=workers, progress=told)
     longest = max(request.logs, key=lambda one: one.duration)
     return Result(identified=identified, shown=beside(identified, longest))
 
@@ -129,7 +120,6 @@ def report(result: Result) -> Report:
 
 
 def _estimates(one: Identified) -> Matrix:
-    """Return estimates and what they come to, beside the values that the owners give."""
     n = one.description.nominal
     given = {
         "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,

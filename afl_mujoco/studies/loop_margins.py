@@ -94,11 +94,10 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 
 
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
-    """Return the loop of a controller, as it is deployed, and MuJoCo's plant, at rest.
+    """Return the loop of a controller and MuJoCo's plant at rest, at the scenario's start.
 
-    The parameters are those of the scenario at its start. Of its imperfections passive physics
-    count, and the lags of the inputs, whose states follow those of the plant. `loop_margins`
-    handles delay, hold and velocities.
+    Of its imperfections passive physics count, and the lags of the inputs, whose states follow
+    those of the plant. `loop_margins` handles delay, hold and velocities.
     """
     plant, r = scenario.plant, linear_part(scenario.imperfections)
     model = SimulatedModel(plant, imperfections=r)
@@ -161,7 +160,7 @@ def require_rest(thing: str, scenario: Scenario, inputs: Array, model: Simulated
 
 
 def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
-    """Return a loop some of whose inputs follow what is commanded with a first-order lag [s]."""
+    """Return a loop whose inputs follow what is commanded with first-order lags [s]."""
     late = [i for i, lag in enumerate(lags) if lag > 0.0]
     order, size = len(loop.a), len(loop.a) + len(late)
     a, b, k = np.zeros((size, size)), np.zeros((size, len(lags))), np.zeros((len(lags), size))
@@ -173,7 +172,6 @@ def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
 
 
 def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
-    """Return the derivative of a function by central differences, shape (outputs, inputs)."""
     ahead, behind = _sides(function, point, step)
     return np.asarray((ahead - behind) / (2.0 * step))
 
@@ -214,10 +212,8 @@ def loop_margins(
     """Return the margins of a loop at each of its inputs, or None if it is not stable.
 
     Without a control period [s] the controller is continuous. With one, the delay of the hold
-    itself, half a period, is no longer part of the margin, and a loop whose delay is a whole number
-    of periods is stable exactly up to the margin; of the imperfections count then the transport
-    delays of the inputs, besides which the delay margin is additional, and how the velocities are
-    measured.
+    itself, half a period, is no longer part of the margin; of the imperfections count then the
+    delays of the inputs, on top of which the margin comes, and how velocities are measured.
     """
     import control
 
@@ -241,10 +237,7 @@ def loop_margins(
 
 
 def _without_idle(loop: Loop) -> Loop:
-    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins.
-
-    They stay where they are put, which takes nothing from the stability of the others.
-    """
+    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins."""
     several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
     kept = np.logical_or(*several) | (np.arange(len(loop.a)) >= loop.coordinates)
     return replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
@@ -292,11 +285,7 @@ def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Arra
 def _measured_loop(
     a: Array, b: Array, k: Array, period: float, r: Imperfections, n: int
 ) -> tuple[Array, Array, Array]:
-    """Return A, B and K of a sampled loop whose controller gets its velocities by measurement.
-
-    What the sensors remember of n coordinates is added: the positions and the filtered velocities
-    of the sample before.
-    """
+    """Add what the sensors of n velocities remember: positions, and filtered velocities, before."""
     order = len(a)
     rows = np.eye(order + 2 * n)
     positions, velocities = rows[:n], rows[n : 2 * n]
@@ -338,7 +327,7 @@ def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
 
 
 def _margins(system: StateSpace, period: float | None) -> Margins:
-    """Return the margins of a stable loop; of a sampled one as a function of w with its period."""
+    """Return the margins of a stable loop; of a sampled one it is a function of w."""
     import control
 
     gains, phases, _, _, crossovers, _ = control.stability_margins(system, returnall=True)
@@ -363,7 +352,6 @@ def _margins(system: StateSpace, period: float | None) -> Margins:
 
 
 def _disk(system: StateSpace) -> float:
-    """Return the disk margin."""
     import control
 
     closed = np.abs(control.poles(control.feedback(system)))

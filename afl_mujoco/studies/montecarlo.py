@@ -32,7 +32,6 @@ from afl_mujoco.studies.contract import (
     Study,
     silent,
 )
-from afl_mujoco.studies.cube_search import Budget
 from afl_mujoco.studies.robustness import (
     HARDEST,
     NEAREST,
@@ -44,14 +43,15 @@ from afl_mujoco.studies.robustness import (
     worst_scenario,
 )
 from afl_mujoco.studies.run import Rows, Run
+from afl_mujoco.studies.search import Budget
 from afl_mujoco.studies.tables import how
 
 if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
 
 LABORATORY = "laboratory"
-SAMPLES, QUICK_SAMPLES = 1000, 100
-GENERATIONS, QUICK_GENERATIONS = 30, 5
+WHOLE, QUICK = (1000, 30), (100, 5)
+"""Number of samples, and of generations of each search, unless given otherwise."""
 
 FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for each controller
 
@@ -104,7 +104,7 @@ class Request(NamedTuple):
     controllers: Sequence[Controller]
     names: Sequence[str]  # by which the controllers were asked for
     assumed: bool = False  # whether the scenario does not say what varies
-    samples: int = SAMPLES
+    samples: int = WHOLE[0]
     seed: int = 1
     deployed: Deployed = Deployed()
     budget: Budget | None = None  # of the searches, if there are any
@@ -130,35 +130,30 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    names = chosen(o.controllers, [asked])
-    samples = QUICK_SAMPLES if o.quick else SAMPLES
-    generations = QUICK_GENERATIONS if o.quick else GENERATIONS
-    budget = Budget(generations=generations if o.generations is None else o.generations)
-    request = Request(
-        space=SampleSpace(with_ranges(asked)),
-        controllers=[find_controller(name) for name in names],
-        names=names,
-        samples=samples if o.samples is None else o.samples,
-        seed=o.seed,
-        assumed=asked.ranges == FIXED,
-        deployed=Deployed(o.integrator, o.timestep),
-        budget=budget if o.worst_case else None,
-        film=o.film,
+    names, default = chosen(o.controllers, [asked]), QUICK if o.quick else WHOLE
+    samples, generations = (
+        usual if given is None else given
+        for given, usual in zip((o.samples, o.generations), default, strict=True)
     )
-    space, controllers = request.space, request.controllers
-    require_samples(controllers, space, request.samples, o.seed, request.deployed)
+    budget = Budget(generations=generations)
+    space, deployed = SampleSpace(with_ranges(asked)), Deployed(o.integrator, o.timestep)
+    controllers = [find_controller(name) for name in names]
+    require_samples(controllers, space, samples, o.seed, deployed)
     if o.film:
         from afl_mujoco.films.video import side_by_side
 
         side_by_side(space.scenario, controllers[:1])  # raises if it is too short
-    return request
+    return Request(
+        space, controllers, names, asked.ranges == FIXED, samples, o.seed, deployed,
+        budget if o.worst_case else None, o.film,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Result:
     """Every controller on the same samples, and the worst that a search found."""
 
-    seed: int  # of the samples
+    seed: int
     integrator: str  # of MuJoCo, and its step [s], None for the default
     timestep: float | None
     space: SampleSpace  # that the samples are drawn from
@@ -222,16 +217,15 @@ def run(
             for one in controllers:
                 if budget is None:
                     break
-                most = 2 * budget.points
 
-                def advance(done: int, name: str = one.name, most: int = most) -> None:
+                def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
                     progress(f"searching the worst case for {name}", done, most)
 
                 found = search_worst(
                     one, space, runs[one.name], seed, budget, deployed, executor, advance
                 )
-                files = [f"{FOLDER}/{one.name}/{FILES[each.question]}" for each in found]
-                worst += [replace(a, file=b) for a, b in zip(found, files, strict=True)]
+                held = f"{FOLDER}/{one.name}"
+                worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
         except KeyboardInterrupt:
             done = f"{total} samples, {len(worst)} searches"
             raise Interrupted(_result(request, runs, worst), done) from None
@@ -264,14 +258,15 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
 
 def report(result: Result) -> Report:
     """Return what is shown of samples and searches."""
-    runs = result.runs
-    ours = subject_of(list(runs))
+    ours = subject_of(list(result.asked))
+    shares = {
+        name: [percent(rates[key][0], 3) for key in ("passes", "settles")]
+        for name, rates in result.rates.items()
+    }
     said = [
-        f"{name} passes {percent(result.rates[name]['passes'][0], 3)} and settles on "
-        f"{percent(result.rates[name]['settles'][0], 3)}"
-        for name in sorted(runs, key=lambda name: name != ours)
+        f"{name} passes {passes} and settles on {settles}"
+        for name, (passes, settles) in sorted(shares.items(), key=lambda one: one[0] != ours)
     ]
-    name = result.space.scenario.name
     blocks: list[Block] = [
         Figure(
             name="montecarlo-rates",
@@ -283,13 +278,12 @@ def report(result: Result) -> Report:
     ]
     if result.worst_cases:
         blocks.append(_worst_cases(result))
-    blocks += [*_messages(result), *_replays(result)]
-    headline = f"{result.samples} samples of {name}: {'; '.join(said)}."
+    blocks += _messages(result)
+    headline = f"{result.samples} samples of {result.space.scenario.name}: {'; '.join(said)}."
     return Report(headline=headline, blocks=blocks)
 
 
 def _rates(result: Result) -> Matrix:
-    """Return how often each controller passed and settled, its margins, and how it fails most."""
     rows: list[list[Cell | str]] = []
     runs = result.runs
     for name, some in runs.items():
@@ -322,7 +316,6 @@ def _rates(result: Result) -> Matrix:
 
 
 def _draw_rates(result: Result) -> Any:
-    """Draw how often each controller passes and settles."""
     from afl_mujoco.report.figures import Dot, dots
 
     def dot(word: str, share: float, low: float, high: float) -> Dot:
@@ -364,7 +357,6 @@ def _worst_cases(result: Result) -> Matrix:
 
 
 def _messages(result: Result) -> Iterator[str]:
-    """Say what was assumed, which controllers pass no sample, and the first error of each."""
     if result.assumed:
         yield (
             f"{result.space.scenario.name} does not say what varies, so that its ideal "
@@ -376,10 +368,6 @@ def _messages(result: Result) -> Iterator[str]:
             yield f"{name} passes no sample, so no harder one is searched for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
-
-
-def _replays(result: Result) -> Iterator[str]:
-    """Return the command that replays the first failure of each controller."""
     lines = [
         f"afl-mujoco simulate {file_of(name, runs[0])} --controller {result.asked[name]}"
         for name in result.asked

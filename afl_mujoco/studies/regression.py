@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.cases import (
     Case,
     Settings,
-    case_name,
     closed_loop_runs,
     reported_runs,
     require_runnable,
@@ -123,8 +122,9 @@ def record_all(
     require_runnable(scenarios, controllers, SETTINGS)
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS.timestep)
+    names = [f"{scenario.name} / {controller.name}" for scenario, controller, _ in cases]
     with open_executor(min(workers, len(cases))) as executor:
-        recorded = compute_all(record, cases, executor, lambda i: progress(case_name(cases[i])))
+        recorded = compute_all(record, cases, executor, lambda i: progress(names[i]))
     fresh = {}
     for made in recorded:
         runs = {
@@ -136,12 +136,11 @@ def record_all(
 
 
 def _decimated(run: Trajectory) -> tuple[Row, ...]:
-    """Return the rows of a run that a baseline keeps."""
     wanted = PERIOD * np.arange(int(run.time[-1] / PERIOD + SLACK) + 1)
     index = np.searchsorted(run.time, wanted - SLACK * SETTINGS.timestep)
     rows = np.column_stack([wanted, run.state[index], run.force[index]])
-    known = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
-    return tuple(cast(Row, tuple(row)) for row in known)
+    known: Any = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
+    return tuple(map(tuple, known))
 
 
 # --- what has changed ---------------------------------------------------------------------------
@@ -158,7 +157,6 @@ class Change:
     limit: float | None = None
 
     def __str__(self) -> str:
-        """Return the change as one line."""
         said = f"{self.run}: {self.figure} {_said(self.old)} -> {_said(self.new)}"
         if self.limit is None or not isinstance(self.old, float) or not isinstance(self.new, float):
             return said
@@ -168,7 +166,6 @@ class Change:
 
 
 def _said(value: object) -> str:
-    """Return a value as a line shows it."""
     return "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
@@ -186,7 +183,6 @@ def changes(old: Baseline, new: Baseline) -> list[Change]:
 
 
 def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Change]:
-    """Yield the values of one run that changed by more than their limits."""
     if old.outcome != new.outcome:
         yield Change(name, "outcome", old.outcome, new.outcome)
     for figure in dict.fromkeys((*old.metrics, *new.metrics)):
@@ -202,15 +198,15 @@ def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Chang
     for column, figure in enumerate(COLUMNS[1:], start=1):
         limit = FORCE_LIMIT if figure == "force" else STATE_LIMIT
         pairs = zip(old.trajectory, new.trajectory, strict=True)
-        moved = [(a, b) for a, b in pairs if _moved(a[column], b[column], limit)]
+        moved = [(a[0], a[column], b[column]) for a, b in pairs
+                 if _moved(a[column], b[column], limit)]  # fmt: skip
         if moved:
-            (time, *_), _ = moved[0]
+            time, before, after = moved[0]
             place = f"{figure} at {len(moved)} instants, first at t = {time:g} s,"
-            yield Change(name, place, moved[0][0][column], moved[0][1][column], limit)
+            yield Change(name, place, before, after, limit)
 
 
 def _limit(figure: str, old: Recording) -> float:
-    """Return how much a metric may change."""
     sample = (1.0 + SLACK) * SETTINGS.timestep
     if figure.startswith("settling_"):
         return sample
@@ -220,7 +216,6 @@ def _limit(figure: str, old: Recording) -> float:
 
 
 def _moved(old: Number, new: Number, limit: float) -> bool:
-    """Return whether a value changed by more than `limit`."""
     if old is None or new is None:
         return old is not new
     return not abs(new - old) <= limit

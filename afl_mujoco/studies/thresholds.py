@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
@@ -18,7 +18,6 @@ from afl_mujoco.report.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
 from afl_mujoco.studies.contract import (
     Interrupted,
     Progress,
@@ -45,6 +44,7 @@ from afl_mujoco.studies.robustness import (
     times_reference,
 )
 from afl_mujoco.studies.run import Rows, Run
+from afl_mujoco.studies.search import LOWER, UPPER, Threshold
 from afl_mujoco.studies.tables import graded, how
 from afl_mujoco.values import require_distinct
 
@@ -132,14 +132,9 @@ def prepare(options: Options) -> Request:
     from afl_mujoco.control.catalogue import find_controller
 
     o = options
-    seeds, scan, tolerance = QUICK if o.quick else DEFAULT
-    settings = Settings(
-        seeds=seeds if o.seeds is None else o.seeds,
-        scan=scan if o.scan is None else o.scan,
-        tolerance=tolerance if o.tolerance is None else o.tolerance,
-        integrator=o.integrator,
-        timestep=o.timestep,
-    )
+    usual = dict(zip(("seeds", "scan", "tolerance"), QUICK if o.quick else DEFAULT, strict=True))
+    searched: Any = usual | {name: x for name in usual if (x := getattr(o, name)) is not None}
+    settings = Settings(**searched, integrator=o.integrator, timestep=o.timestep)
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
     controllers = [find_controller(name) for name in chosen(o.controllers, scenarios, SWEPT)]
     names = o.imperfections or tuple(known_of(scenarios[0].plant))
@@ -148,18 +143,14 @@ def prepare(options: Options) -> Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """One controller under one imperfection; runs are places among the rows of the result."""
+    """One controller under one imperfection; as in `Swept`, runs as places among the rows."""
 
     imperfection: str  # their names
     controller: str
-    # runs at the level of the reference hardware, and at the mildest level found that is not
-    # survived; none where all that was tried is
     reference: tuple[int, ...]
     failure: tuple[int, ...]
-    survives: Threshold  # thresholds up to which the controller survives, and settles
+    survives: Threshold
     settles: Threshold
-    # whether it acts on the controller at all: what is wrong about a belief does not where the
-    # force does not depend on it
     applies: bool = True
 
 
@@ -171,9 +162,7 @@ class Result:
     scenarios: tuple[Scenario, ...]  # each level must be survived in all of them
     imperfections: tuple[Imperfection, ...]  # that were swept, with the level of the reference
     rows: Rows  # the runs that the sweeps name, and those with nothing added
-    # by controller, its runs with nothing added, as places among the rows; one that fails there has
-    # no sweeps
-    bare: Mapping[str, tuple[int, ...]]
+    bare: Mapping[str, tuple[int, ...]]  # those by controller, as places; who fails has no sweeps
     sweeps: tuple[Sweep, ...] = ()  # by imperfection and then by controller
 
     def runs(self, places: Sequence[int]) -> list[Run]:
@@ -231,7 +220,7 @@ def _result(
     units: Sequence[SweepUnit],
     found: Mapping[int, Swept],
 ) -> Result:
-    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
+    """Put together the sweeps of the imperfections that were not interrupted."""
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
@@ -239,19 +228,12 @@ def _result(
         return tuple(range(len(rows) - len(runs), len(rows)))
 
     first = {one.name: kept(runs) for one, runs in zip(request.controllers, bare, strict=True)}
-    sweeps = [
-        Sweep(
-            imperfection=unit.name,
-            controller=unit.controller.name,
-            reference=kept(found[place].reference),
-            failure=kept(found[place].failure),
-            survives=found[place].survives,
-            settles=found[place].settles,
-            applies=found[place].applies,
-        )
-        for place, unit in enumerate(units)
-        if unit.name in request.names
-    ]
+    sweeps = []
+    for place, unit in enumerate(units):
+        if unit.name in request.names:
+            one = found[place]._asdict()
+            one |= {key: kept(one[key]) for key in ("reference", "failure")}
+            sweeps.append(Sweep(imperfection=unit.name, controller=unit.controller.name, **one))
     swept = [find_imperfection(name, request.plant) for name in request.names]
     return Result(
         settings=request.settings,
@@ -320,7 +302,7 @@ def report(result: Result) -> Report:
 
 
 def _headline(result: Result, names: Sequence[str]) -> str:
-    """Say what the controller that the study is about survives, and what has the least to spare."""
+    """Say what the study's own controller survives, and what has the least to spare."""
     ours = subject_of(names)
     single = [one for one in result.imperfections if one.name != COMBINED.name]
     graded = [(grade_of(result, one, result.sweep(one.name, ours)), one) for one in single]
@@ -343,7 +325,6 @@ def _headline(result: Result, names: Sequence[str]) -> str:
 
 
 def _fails(result: Result, name: str) -> str:
-    """Say how a controller fails with nothing added."""
     first = next(one for one in result.runs(result.bare[name]) if one.failure)
     return f"{name} {how(first.failure)}" + (f" ({first.message})" if first.message else "")
 
@@ -356,7 +337,6 @@ def _label(result: Result, one: Imperfection) -> str:
 
 
 def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
-    """Return the grade and the text of a threshold."""
     found = result.sweep(one.name, name)
     if not found.applies:
         return IDLE, MISSING

@@ -20,8 +20,6 @@ from afl_mujoco.scenario.sample_space import (
 )
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies import robustness
-from afl_mujoco.studies.bisection import BRACKETED
-from afl_mujoco.studies.cube_search import Budget, minimise
 from afl_mujoco.studies.robustness import (
     HARDEST,
     NEAREST,
@@ -37,6 +35,7 @@ from afl_mujoco.studies.robustness import (
     worst_scenario,
 )
 from afl_mujoco.studies.run import Run, run_all
+from afl_mujoco.studies.search import BRACKETED, Budget, minimise
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]

@@ -37,12 +37,7 @@ from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_steps
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
-from afl_mujoco.studies.verify.convergence import (
-    Study,
-    difference,
-    free_swing_study,
-    last_state,
-)
+from afl_mujoco.studies.verify.convergence import Study, difference, free_swing_study, last_state
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- equations ------------------------------------------------------------------------------------
@@ -78,26 +73,25 @@ def _changes(model: SimulatedModel, plants: Sequence[CartPoleParameters]) -> Ite
         yield
 
 
+def _draws(rng: np.random.Generator, count: int, steepest: float) -> list[Any]:
+    """Return plants, states and forces."""
+    ends = (10.0, steepest, 10.0, 10.0)
+    return [
+        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
+        for _ in range(count)
+    ]
+
+
 def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
     """Return the largest scaled difference between MuJoCo's qacc and (P3), (P4)."""
-    model = SimulatedModel(CART_POLE)
-    ends = (10.0, np.pi, 10.0, 10.0)
-    draws = [
-        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
-        for _ in range(states)
-    ]
+    model, draws = SimulatedModel(CART_POLE), _draws(rng, states, np.pi)
     worst = 0.0
     changes = _changes(model, [p for p, *_ in draws])
     for (p, state, force), _ in zip(draws, changes, strict=True):
         measured = model.accelerations(state, force)
         _, phi, _, phi_dot = state
-        plant = astuple(p)
-        expected = np.array(
-            [
-                cart_acceleration(phi, phi_dot, force, *plant),
-                pole_acceleration(phi, phi_dot, force, *plant),
-            ]
-        )
+        both = (cart_acceleration, pole_acceleration)
+        expected = np.array([of(phi, phi_dot, force, *astuple(p)) for of in both])
         error = np.abs(measured - expected) / (1.0 + np.abs(expected))
         worst = max(worst, float(error.max())) if np.isfinite(error).all() else np.inf
     return worst
@@ -131,12 +125,7 @@ def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, floa
     Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
     changes no acceleration, and neither do twice the masses under twice the force.
     """
-    model = SimulatedModel(CART_POLE)
-    ends = (10.0, 1.5, 10.0, 10.0)
-    draws = [
-        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
-        for _ in range(states)
-    ]
+    model, draws = SimulatedModel(CART_POLE), _draws(rng, states, 1.5)
     plants = [p for p, *_ in draws]
     twice = [replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass) for p in plants]
     as_drawn, heavier = _changes(model, plants), _changes(model, twice)
@@ -189,14 +178,9 @@ def add_passive_physics(spec: mujoco.MjSpec) -> None:
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-reach, reach]
     pole = spec.geom("pole")
     pole.contype = pole.conaffinity = 1
-    spec.worldbody.add_geom(
-        name="ground",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[10, 10, 0.1],
-        pos=[0, 0, -0.3],
-        contype=1,
-        conaffinity=1,
-    )
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    place = {"size": [10, 10, 0.1], "pos": [0, 0, -0.3]}
+    spec.worldbody.add_geom(name="ground", type=plane, contype=1, conaffinity=1, **place)
 
 
 def _qacc(
@@ -226,14 +210,10 @@ def closed_loop_checks(
         "B2b": state_difference(runs["mujoco continuous"], runs["ode RK4"]),
         "B3": state_difference(runs["mujoco sampled"], runs["ode held"]),
     }
-    if controller.name in B2_CONTROLLERS and _timestep(runs["mujoco continuous"]) == B2_TIMESTEP:
+    timestep = runs["mujoco continuous"].provenance["settings"]["timestep"]
+    if controller.name in B2_CONTROLLERS and timestep == B2_TIMESTEP:
         values["B2"] = state_difference(runs["mujoco continuous"], runs["ode"])
     return judged(values, scenario.name, controller.name)
-
-
-def _timestep(run: Trajectory) -> float:
-    """Return the timestep of a run [s]."""
-    return float(run.provenance["settings"]["timestep"])
 
 
 def state_difference(one: Trajectory, other: Trajectory) -> float:

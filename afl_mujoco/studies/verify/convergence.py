@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -39,29 +40,22 @@ class Study:
     errors: tuple[float, ...]
 
     @property
-    def order(self) -> float:
-        """Slope of the errors over the steps, both logarithmic, by least squares."""
-        return float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0])
-
-    @property
     def reduction(self) -> float:
-        """Error at a quarter of the second step over the error at the second step.
-
-        Infinite if there is no error to reduce, so that nothing is concluded from it.
-        """
+        """Error at the fourth step over that at the second; infinite if there is none to reduce."""
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
     def deviation(self, expected: float) -> float:
-        """Return how far the order is from one that is expected; NaN where there is no slope."""
-        sloped = all(math.isfinite(error) and error > 0.0 for error in self.errors)
-        return abs(self.order - expected) if sloped else math.nan
+        """Return how far the observed order is from another; NaN where there is none.
+
+        It is the slope of the errors over the steps, both logarithmic, by least squares.
+        """
+        if not all(math.isfinite(error) and error > 0.0 for error in self.errors):
+            return math.nan
+        return abs(float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0]) - expected)
 
 
 def studied(scenario: Scenario) -> Scenario:
-    """Return the scenario cut to half a second after its last breakpoint, at least 2 s.
-
-    What is required later than that goes.
-    """
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
     last = max((*scenario.breakpoints, 1.5))
     duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
     if duration >= scenario.duration:
@@ -78,9 +72,11 @@ def difference(run: Trajectory, reference: Trajectory) -> float:
     return float(np.abs(run.state[index] - reference.state).max())
 
 
-def continuous_study(scenario: Scenario, controller: Controller, reference: Trajectory) -> Study:
+def continuous_study(
+    scenario: Scenario, controller: Controller, reference: Trajectory, **how: Any
+) -> Study:
     """Return the error of continuous mode, over `STEPS`, from the ODE reported every STEPS[0]."""
-    runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h) for h in STEPS)
+    runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h, **how) for h in STEPS)
     return Study(STEPS, tuple(difference(run, reference) for run in runs))
 
 
@@ -130,7 +126,11 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     """Return the error of `mj_step` without force, from -60 degrees, against (P3), (P4)."""
     p = CartPoleParameters(cart_mass=0.7, pole_mass=0.2, half_length=0.4, gravity=9.7)
     start = np.array([0.1, -np.pi / 3, 0.2, 0.3])
-    truth = _free_swing(start, p, 1.0)
+
+    def rate(_: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.concatenate([state[2:], acceleration(state, 0.0, p)])
+
+    truth = last_state(rate, start, 1.0)
     errors = []
     for h in steps:
         model = CartPoleModel(p, timestep=h, integrator=integrator)
@@ -139,17 +139,6 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
         state = np.concatenate([model.mj_data.qpos, model.mj_data.qvel])
         errors.append(float(np.abs(state - truth).max()))
     return Study(tuple(steps), tuple(errors))
-
-
-def _free_swing(
-    start: NDArray[np.float64], parameters: CartPoleParameters, duration: float
-) -> NDArray[np.float64]:
-    """Return the state after a swing without force, by (P3), (P4)."""
-
-    def rate(_: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([state[2:], acceleration(state, 0.0, parameters)])
-
-    return last_state(rate, start, duration)
 
 
 def last_state(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -31,14 +31,12 @@ from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
 from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.cases import Run
-from afl_mujoco.studies.run import Run as Row
+from afl_mujoco.studies.cases import Simulated
+from afl_mujoco.studies.run import Run
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
-    Study,
     continuous_study,
-    difference,
     sampled_study,
     schedule_study,
     studied,
@@ -110,10 +108,8 @@ def budget_curves(
     grid = runs["mujoco sampled"].time
 
     def part(holds: Holds) -> NDArray[np.float64] | None:
-        run = simulate_ode_held(
-            scenario, controller, timestep=timestep, holds=holds, substeps=substeps
-        )
-        return _at(run, grid)
+        how: Any = {"timestep": timestep, "holds": holds, "substeps": substeps}
+        return _at(simulate_ode_held(scenario, controller, **how), grid)
 
     curves = {name: _at(run, grid) for name, run in runs.items()}
     followed = part(Holds())
@@ -169,8 +165,7 @@ _WORK, _RAMP_ENERGY, _IMPULSE, _RAMP_MOMENTUM, _JUMP_ENERGY, _JUMP_MOMENTUM = ra
 def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
     """Return the energy [J] and momentum along z [N s] that MuJoCo gained and nothing accounts for.
 
-    Each is the largest along a run in exact mode. Work and impulse are those of the forces that
-    MuJoCo applied; energy and momentum are MuJoCo's own; what a parameter change adds is booked by
+    Work, impulse, energy and momentum are MuJoCo's own; what a parameter change adds is booked by
     the analytic energy and momentum.
     """
     model = SimulatedModel(scenario.plant, edit=_measure_energy)
@@ -201,13 +196,8 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
     criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
     solver = scipy_solver(derivative, criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
-    booked = np.stack(
-        [
-            states[:, [_WORK, _RAMP_ENERGY, _JUMP_ENERGY]].sum(axis=1),
-            states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1),
-        ],
-        axis=1,
-    )
+    accounts = [_WORK, _RAMP_ENERGY, _JUMP_ENERGY], [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]
+    booked = np.stack([states[:, one].sum(axis=1) for one in accounts], axis=1)
     measured = np.array(
         [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=False)]
     )
@@ -218,7 +208,6 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
 def _measured(
     model: SimulatedModel, scenario: Scenario, time: float, state: NDArray[np.float64]
 ) -> tuple[float, float]:
-    """Return MuJoCo's own energy [J] and momentum along z [N s]."""
     model.write(scenario.values_at(time))
     momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
     return float(model.mj_data.energy.sum()), float(momentum[0])
@@ -244,7 +233,6 @@ def _parameters(scenario: Scenario, segment: Segment, time: float) -> CartPolePa
 
 
 def _measure_energy(spec: mujoco.MjSpec) -> None:
-    """Make MuJoCo compute its energy."""
     spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
 
 
@@ -286,8 +274,8 @@ class Judged(NamedTuple):
     """What is found of one case."""
 
     checks: tuple[Check, ...]
-    runs: tuple[Run, ...]
-    row: Row
+    runs: tuple[Simulated, ...]
+    row: Run
     moving: tuple[Array, Array]  # the run as deployed on the ideal loop, for its replay
     budget: ErrorBudget | None = None
     omission: Omission | None = None
@@ -304,10 +292,7 @@ def moving(run: Trajectory) -> tuple[Array, Array]:
 def explain(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory], *, full: bool
 ) -> tuple[tuple[Check, ...], ErrorBudget | None, Omission | None]:
-    """Explain the runs of one case: by the error budget, in full by all that this file has.
-
-    The studies end half a second after the last breakpoint; the error budget covers the whole run.
-    """
+    """Explain the runs of one case: by the error budget, in full by all that this file has."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return (), None, None
     times, names = runs["mujoco sampled"].time, (scenario.name, controller.name)
@@ -344,7 +329,10 @@ def _omission(
     def ode(dynamics: str, jumps: str) -> Trajectory:
         return simulate_ode(scenario, controller, sample_period=h, dynamics=dynamics, jumps=jumps)
 
-    stretching, kept = ode(STRETCHING_ROD, VELOCITIES), ode(QUASI_STATIC, MOMENTA)
+    def matters(dynamics: str, jumps: str) -> float | None:
+        found = state_difference(ode(dynamics, jumps), paper)
+        return found if math.isfinite(found) else None
+
     exact = simulate_mujoco(
         scenario, controller, "exact", timestep=h, dynamics=STRETCHING_ROD, jumps=MOMENTA
     )
@@ -352,14 +340,9 @@ def _omission(
     return agreement, Omission(
         scenario=scenario.name,
         controller=controller.name,
-        stretching_rod=_finite(state_difference(stretching, paper)),
-        momenta_kept=_finite(state_difference(kept, paper)),
+        stretching_rod=matters(STRETCHING_ROD, VELOCITIES),
+        momenta_kept=matters(QUASI_STATIC, MOMENTA),
     )
-
-
-def _finite(value: float) -> float | None:
-    """Return a difference, None if it is not finite."""
-    return value if math.isfinite(value) else None
 
 
 def plateau_check() -> Check:
@@ -371,11 +354,5 @@ def plateau_check() -> Check:
         spec.joint("phi").armature = excess
 
     reference = simulate_ode(scenario, controller, sample_period=STEPS[0])
-    errors = tuple(
-        difference(
-            simulate_mujoco(scenario, controller, "continuous", timestep=h, edit=thicken),
-            reference,
-        )
-        for h in STEPS
-    )
-    return CRITERIA["B6d"].judge(abs(1.0 - Study(STEPS, errors).reduction))
+    study = continuous_study(scenario, controller, reference, edit=thicken)
+    return CRITERIA["B6d"].judge(abs(1.0 - study.reduction))
