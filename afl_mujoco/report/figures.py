@@ -41,10 +41,7 @@ def heat(
     texts: Sequence[Sequence[str]],
     words: Sequence[str],
 ) -> Figure:
-    """Draw a grid of cells, each with a text on the colour of its grade.
-
-    A grade is an index into `words`.
-    """
+    """Draw cells, each with a text on the colour of its grade, an index into `words`."""
     shades = (*GRADES, IDLE)
     figure = new_figure(max(2.9 + 1.05 * len(columns), 6.0), 1.3 + 0.3 * len(rows))
     axes = figure.subplots()
@@ -88,10 +85,7 @@ def dots(
     colour_of: Mapping[str, str] | None = None,
     spread: float = 0.28,
 ) -> Figure:
-    """Draw marks with intervals, a row for each name, over one scale; `line` marks a value.
-
-    `spread` is the distance of marks of one row, as a share of that of the rows.
-    """
+    """Draw marks with intervals, a row for each name; `spread` is a share of a row's height."""
     shades = dict(colour_of or colours(rows))
     figure = new_figure(7.5, 1.3 + 0.5 * len(rows))
     axis = figure.subplots()
@@ -135,10 +129,7 @@ Curves = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """A panel of curves over time; pale ones behind them.
-
-    `limits` are drawn on both sides of `about`, `band` is shaded around it.
-    """
+    """Curves over time, pale ones behind them; limits and a band lie on both sides of `about`."""
 
     label: str
     curves: Curves
@@ -152,10 +143,7 @@ class Panel:
 def curves(
     panels: Sequence[Panel], duration: float, *, shaded: Sequence[tuple[float, float]] = ()
 ) -> Figure:
-    """Draw panels over one axis of time; a curve that ends before the duration ends with a cross.
-
-    `shaded` are stretches of time that are shaded in all panels [s].
-    """
+    """Draw panels over time [s], some of it shaded; a curve that ends early ends with a cross."""
     heights = [1.6 if panel.black else 2.6 for panel in panels]
     figure = new_figure(9.0, 0.8 + 0.75 * sum(heights))
     axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]

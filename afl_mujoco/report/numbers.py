@@ -6,8 +6,7 @@ import math
 from collections.abc import Sequence
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-MISSING = "–"
-"""Sign for a missing number."""
+MISSING = "–"  # sign for a missing number
 
 
 def scientific(value: float | None, digits: int = 2) -> str:

@@ -27,15 +27,11 @@ from afl_mujoco.report.blocks import Figure, Film, Matrix, Replay, Report, Secti
 
 PACKAGE = "afl_mujoco.report"
 
-LARGE = 400_000
-"""Size above which a bitmap replaces a vector drawing, if it is smaller [bytes]."""
-
+LARGE = 400_000  # size above which a bitmap replaces a vector drawing, if it is smaller [bytes]
 SMALL, ROOM = 1_500_000, 17_000_000
 """Largest size of a film that is put inside the page, and space there for films [bytes]."""
 
-POSTER_SIZE, POSTER_QUALITY = (960, 960), 75
-"""Largest size of a poster [px], and its JPEG quality."""
-
+POSTER_SIZE, POSTER_QUALITY = (960, 960), 75  # largest size of a poster [px], and its JPEG quality
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
     'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
@@ -52,11 +48,7 @@ class Part(NamedTuple):
 
 
 def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_folder: Path) -> str:
-    """Return a page, the same bytes each time: reports, then the last sections.
-
-    Pictures and small films are inside it, large films are linked from `page_folder`; it says which
-    ones are missing. The title is that of the report if there is only one.
-    """
+    """Return a page, the same bytes each time; large films are linked, as seen from its folder."""
     sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
     every = [block for section in (*sections, *last) for block in section.walk()]
     found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}

@@ -114,10 +114,7 @@ class _Literal(Figure):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that needs no display and shows names as they are.
-
-    width, height: Its size [in].
-    """
+    """Return an empty figure [in] that needs no display and shows names as they are."""
     layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06)  # [in]: vectors are wider than pixels
     figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout=layout)
     FigureCanvasAgg(figure)

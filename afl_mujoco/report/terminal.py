@@ -19,15 +19,9 @@ from rich.text import Text
 from afl_mujoco.errors import printable
 from afl_mujoco.report.blocks import Block, Matrix, Report, Section
 
-WIDTH = 160
-"""Number of columns if there is no terminal with a width."""
-
-SHORT = 12
-"""Largest width of texts that are not broken into lines [cells]."""
-
-GAP = 3
-"""Gap between two columns of a table [cells]."""
-
+WIDTH = 160  # number of columns if there is no terminal with a width
+SHORT = 12  # largest width of texts that are not broken into lines [cells]
+GAP = 3  # gap between two columns of a table [cells]
 STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
 
 
@@ -84,10 +78,7 @@ def _text(text: str, style: str = "") -> Text:
 
 
 def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
-    """Yield a matrix in parts that fit a width, each with the columns that name the rows.
-
-    Numbers and words are not broken. A first cell that repeats the one above is left out.
-    """
+    """Yield a matrix in parts that fit a width; no number or word is broken."""
     rows = [[(printable(c.marked), STYLES.get(c.status, "")) for c in row] for row in matrix.cells]
     texts = [[head, *(row[k][0] for row in rows)] for k, head in enumerate(matrix.columns)]
     most = [max(map(cell_len, found)) for found in texts]

@@ -30,9 +30,7 @@ from afl_mujoco.studies.robustness import map_starts, require_runs
 from afl_mujoco.studies.run import Rows, Run
 from afl_mujoco.values import require_positive
 
-GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001
-"""Number of starts along each axis, and the most."""
-
+GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001  # number of starts along each axis, and the most
 WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",
          "controller fails")  # fmt: skip
 """How a run from a start ends; without requirements to pass is to survive."""

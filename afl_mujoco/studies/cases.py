@@ -25,9 +25,7 @@ from afl_mujoco.values import require_distinct
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
 
-DEPLOYED = "mujoco sampled"
-"""The simulator in which requirements are judged."""
-
+DEPLOYED = "mujoco sampled"  # the simulator in which requirements are judged
 DECISIVE = "mujoco continuous"
 """The simulator whose metrics count: the controller as published, in MuJoCo."""
 

@@ -34,25 +34,16 @@ ROUNDING = 30.0 * float(np.finfo(float).eps)
 RECOMPILED = 100
 """Random parameters at which a model written in place is compared with one compiled afresh."""
 
-SEARCHED = 16
-"""Points at which suspects are tried."""
-
+SEARCHED = 16  # points at which suspects are tried
 REACH = np.array([[np.pi, 5.0], [1.0, 2.0]])
 """Largest coordinate and rate that are drawn, of a hinge and of a slide, where nothing says."""
 
 BOTH = np.array([-1.0, 1.0])
 
-NARROW = 0.2
-"""Range of a hinge that is hardly meant in radians."""
-
-INPUT = 10.0
-"""Largest input that is drawn of one without a ctrlrange."""
-
-FEW = 200
-"""Points at which what takes finite differences is looked at."""
-
-HUGE = 1e300
-"""In place of what is not finite, which JSON has not."""
+NARROW = 0.2  # range of a hinge that is hardly meant in radians
+INPUT = 10.0  # largest input that is drawn of one without a ctrlrange
+FEW = 200  # points at which what takes finite differences is looked at
+HUGE = 1e300  # in place of what is not finite, which JSON has not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -449,10 +440,7 @@ class Request:
         self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
 
     def work(self) -> tuple[float, float]:
-        """Return the work of terms quadratic and linear in rates that should not be, relative.
-
-        v h(q, v) is not zero: quadratic terms give 1/2 v M' v, linear ones what the damping takes.
-        """
+        """Return the work that terms quadratic and linear in rates should not do, relative."""
         few = Points(*(x[:FEW] for x in self.points))
         damping = np.array([tree.dof_damping for tree in self.trees[:FEW]])
 
@@ -488,11 +476,7 @@ class Request:
         )
 
     def ledger(self, engine: Point) -> float:
-        """Return the power that is not accounted for along MuJoCo's motion, relative.
-
-        The parameters are others at each point. No step of an integrator is in it: a motor or a
-        spring may be as stiff as it likes.
-        """
+        """Return MuJoCo's power that is not accounted for, relative; no integrator is in it."""
         trees, (q, v, u, _) = self.trees[:FEW], (x[:FEW] for x in self.points)
         m, h, b, a = (x[:FEW] for x in engine)
         damping = np.array([tree.dof_damping for tree in trees])
@@ -544,10 +528,7 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _difference(one: Floats, other: Floats, floor: Floats | float = 0.0) -> Floats:
-    """Return differences as shares of the largest component of each point, `floor` (N,) at least.
-
-    What should be zero is rounding, and no share of it.
-    """
+    """Return differences as shares of each point's largest component, or of `floor` (N,)."""
     axes = tuple(range(1, one.ndim))
     largest = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
     size = np.maximum(largest, floor)

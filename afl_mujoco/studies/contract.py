@@ -87,10 +87,7 @@ def silent(doing: str, done: int, total: int) -> None:
 def counted(
     progress: Progress, doing: str, total: int, names: Sequence[str] = ()
 ) -> Callable[[Any], None]:
-    """Return a function that reports one more part done at each call.
-
-    Its argument is the name of the part, or its place among the names if there are any.
-    """
+    """Return what reports one more part done, by its name or its place among the names."""
     done = itertools.count(1)
 
     def advance(part: Any) -> None:

@@ -65,10 +65,7 @@ def draw_log(
     simulated: Sequence[tuple[Values, Values, Values]] = (),
     bands: Values | None = None,
 ) -> Any:
-    """Draw a log, and simulations that start from its readings: time, position and angle of each.
-
-    Bands are times since a start [s] and half-widths about position and angle, shape (3, H).
-    """
+    """Draw a log and simulations; bands are times [s] and half-widths about both, shape (3, H)."""
     from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 
     figure = new_figure(9.0, 7.0)

@@ -44,9 +44,7 @@ KINK = 1e-3
 """Largest difference between a controller's slopes on either side of its target, relative to its
 largest slope: central differences do not see a kink, whatever their step."""
 
-NOTHING = 1e-9
-"""Share of the largest slope that is the rounding of 0."""
-
+NOTHING = 1e-9  # share of the largest slope that is the rounding of 0
 NO_GAIN = 1e-9
 """Factors of the gain below it, and above its inverse, are rounding errors of 0 and infinity."""
 
@@ -69,10 +67,7 @@ class NotSmoothError(InvalidValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """The loop ``x' = A x + B u``, ``u = -K x`` of the deviation x from rest at the target.
-
-    Shapes are (m, m), (m, k) and (k, m): coordinates, their rates, then the lagging inputs.
-    """
+    """x' = A x + B u, u = -K x of coordinates, rates and lagging inputs, away from the target."""
 
     a: Array
     b: Array
@@ -94,11 +89,7 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 
 
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
-    """Return the loop of a controller and MuJoCo's plant at rest, at the scenario's start.
-
-    Of its imperfections passive physics count, and the lags of the inputs, whose states follow
-    those of the plant. `loop_margins` handles delay, hold and velocities.
-    """
+    """Return the loop at rest, with passive physics and lags; `loop_margins` handles the rest."""
     plant, r = scenario.plant, linear_part(scenario.imperfections)
     model = SimulatedModel(plant, imperfections=r)
     model.write(scenario.values_at(0.0))
@@ -187,10 +178,7 @@ def _sides(function: Callable[[Array], Array], point: Array, step: float) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """What a stable loop tolerates at one input before it becomes unstable, one change at a time.
-
-    Of an unstable plant too little gain destabilises the loop as well as too much.
-    """
+    """What a stable loop tolerates at one input, one change at a time."""
 
     gain_decrease: float  # factor of the loop gain, below 1
     gain_increase: float  # the same, above 1; infinite if no increase destabilises it
@@ -250,11 +238,7 @@ def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
 
 
 def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Array, Array]:
-    """Return A and B of the plant from sample to sample, its inputs held in between.
-
-    With a delay [s] from when an input is commanded to when it acts, what is pending follows the
-    states, the latest first.
-    """
+    """Return A and B from sample to sample; delayed inputs follow the states, latest first."""
     order, count = loop.b.shape
     late = []
     for delay in delays:

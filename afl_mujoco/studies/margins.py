@@ -192,10 +192,7 @@ PAPER = Scenario(
 def measured_plants(
     axes: Mapping[str, tuple[float, ...]], *, few: bool = False
 ) -> list[tuple[float, ...]]:
-    """Return the plants of a grid that are measured: all at their least, and all at their largest.
-
-    Unless ``few``, of two parameters all four corners, and a middle of the second.
-    """
+    """Return both ends of a grid; of two parameters, unless `few`, corners and two middles."""
     ends = [(values[0], values[-1]) for values in axes.values()]
     if few or len(axes) != 2:
         return list(dict.fromkeys(zip(*ends, strict=True))) if axes else [()]
@@ -210,11 +207,7 @@ def measured_plants(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What one loop on one plant tolerates at one input, one change at a time.
-
-    A margin is None where no change destabilises the loop, and where it was not looked for. A
-    measured delay is 0 below the first of `DELAYS`, and None beyond the last.
-    """
+    """What a loop tolerates at one input; a delay is 0 below `DELAYS`, None beyond or unsought."""
 
     controller: str
     loop: str  # `CONTINUOUS`, `HELD` or `MEASURED`
@@ -440,10 +433,7 @@ class Change(NamedTuple):
 def _least(
     point: Point, change: Change, what: str, scan: list[float], tolerance: float = ROUGHLY
 ) -> float | None:
-    """Return the delay or gain at which a small motion no longer decays.
-
-    It is 0 before the first level, None beyond the last.
-    """
+    """Return the delay or gain from which a small motion grows; 0 below the scan, None beyond."""
 
     def holds(level: float) -> bool:
         changed: Any = {what: level}

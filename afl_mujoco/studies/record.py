@@ -218,10 +218,7 @@ def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
 
 
 def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None) -> list[Record]:
-    """Return every record in a folder, except one study's; the folder may be missing.
-
-    Those in the folder `ahead` are taken in place of those of the same studies.
-    """
+    """Return every record in a folder but one study's; those `ahead` come first."""
     found = []
     for name, study in listed().items():  # only what is there is imported
         places = [place for place in (ahead, folder) if place is not None]

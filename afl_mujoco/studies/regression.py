@@ -26,20 +26,12 @@ from afl_mujoco.studies.cases import (
     require_runnable,
 )
 
-REGRESSED = ("fixed", "adaptive")
-"""The controllers that have baselines."""
-
-UPDATE = "make baselines"
-"""The command that makes the current state the baseline."""
-
+REGRESSED = ("fixed", "adaptive")  # the controllers that have baselines
+UPDATE = "make baselines"  # the command that makes the current state the baseline
 WRONG = "is not a baseline"
 
-PERIOD = 0.5
-"""Spacing of the instants in a baseline [s]."""
-
-SETTINGS = Settings()
-"""The step sizes of every baseline."""
-
+PERIOD = 0.5  # spacing of the instants in a baseline [s]
+SETTINGS = Settings()  # the step sizes of every baseline
 RELATIVE_LIMIT = 1e-6
 """Largest relative change of a metric: no control engineer would notice less. Round-off is far
 below it: 0 between Python 3.11 and 3.12, 1e-14 against code for a processor without FMA and AVX."""
@@ -56,8 +48,7 @@ FORCE_LIMIT = 1e-6
 """Largest change of the force at any kept instant [N]: a controller's gain on a state is about
 100 N; round-off is 2e-13."""
 
-SLACK = 1e-6
-"""Share of a sample that round-off may add to a metric quantised by the samples."""
+SLACK = 1e-6  # share of a sample that round-off may add to a metric quantised by the samples
 
 Number = float | None
 Row = tuple[Number, Number, Number, Number, Number, Number]
@@ -300,11 +291,7 @@ def open_for_update(folder: Path) -> dict[str, Baseline]:
 def update_baselines(
     folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
 ) -> list[str]:
-    """Make fresh runs the baselines and return what changed, a line each.
-
-    A file in which no value changed by more than its limit keeps its bytes, so that the last digits
-    of another host do not rewrite all files.
-    """
+    """Make fresh runs the baselines, but for unmoved files; return what changed, a line each."""
     comparison = compare(baselines, fresh)
     for name in (*comparison.missing, *comparison.changes):
         write_json(folder / name, fresh[name])

@@ -87,8 +87,7 @@ def known_of(plant: Plant) -> dict[str, Imperfection]:
     return {one.name: one for one in (*imperfections_of(plant), COMBINED)}
 
 
-KNOWN = known_of(CART_POLE)
-"""All that can be swept of a cart-pole, by name."""
+KNOWN = known_of(CART_POLE)  # all that can be swept of a cart-pole, by name
 
 
 def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
@@ -426,10 +425,7 @@ def worst_scenario(space: SampleSpace, worst: Worst, seed: int) -> Scenario:
 
 
 def changes_of(space: SampleSpace, point: ArrayLike) -> dict[str, float]:
-    """Return how far each coordinate is from the scenario, as a share of its range, farthest first.
-
-    What the shapes of its schedules do not use is left out.
-    """
+    """Return how far acting coordinates are from the scenario, as shares of their ranges."""
     away = np.asarray(point) - space.reference
     moved = acting(dict(zip(space.coordinates, away.tolist(), strict=True)))
     return dict(sorted(moved.items(), key=lambda item: (-abs(item[1]), item[0])))
@@ -488,10 +484,7 @@ def map_starts(
     executor: Executor,
     advance: Callable[[int], None] = lambda starts: None,
 ) -> list[Run]:
-    """Run a controller from every level of two states, all of the first for each of the second.
-
-    The last run is from the start of the scenario itself.
-    """
+    """Run a controller from every level of two states, row by row, and last from its own start."""
     across, along = (scenario.plant.states.index(name) for name in axes)
 
     def start(x: float, y: float) -> Scenario:

@@ -47,11 +47,7 @@ def find_threshold(
     *,
     closer: int = 0,
 ) -> Threshold:
-    """Return the first level at which a property is lost.
-
-    tolerance: Largest relative width of the bracket, unless no level lies within it [1].
-    closer: How many levels beside the bracket must hold.
-    """
+    """Return where a property is lost, to a relative width; `closer` levels beside it must hold."""
     known: dict[float, bool] = {}
 
     def tried(level: float) -> bool:

@@ -29,8 +29,7 @@ ENDINGS = {
 }
 """How runs fail that do not miss a limit."""
 
-NEVER = "never"
-"""Value of a requirement to settle that a run never meets."""
+NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
 def how(failure: str) -> str:
@@ -92,17 +91,13 @@ def titled(metric: str, layout: Layout = LAYOUT) -> str:
 Graded = Mapping[str, Sequence[tuple[int, str]]]
 """Rows of cells, each a grade and a text, by the label of the row."""
 
-MARKED: Mapping[int, Status] = {0: "bad", 1: "neutral"}
-"""Status of the cells of the worst grades."""
+MARKED: Mapping[int, Status] = {0: "bad", 1: "neutral"}  # status of the cells of the worst grades
 
 
 def graded(
     name: str, title: str, caption: str, columns: Sequence[str], cells: Graded, words: Sequence[str]
 ) -> list[Block]:
-    """Return cells as a figure in the colours of their grades, and as a table.
-
-    A grade is an index into `words`, worst first; the first column names the rows.
-    """
+    """Return cells of grades, indices into `words`, worst first, as a figure and a table."""
     grades = [[grade for grade, _ in row] for row in cells.values()]
     texts = [[text for _, text in row] for row in cells.values()]
     return [
@@ -135,10 +130,7 @@ Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
 def requirements_matrix(
     scenario: Scenario, draws: Mapping[str, Sequence[Run]], metrics: Figures
 ) -> Matrix:
-    """Return requirements by controllers: values, margins, whether they are met; needs below.
-
-    Of several draws the cells have the medians.
-    """
+    """Return values and margins, of several draws the medians, by controllers; needs below."""
     names = dict.fromkeys(
         one.requirement for runs in draws.values() for run in runs for one in run.requirements
     )

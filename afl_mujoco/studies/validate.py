@@ -199,10 +199,7 @@ def _of_equations(full: bool) -> list[Check]:
 
 
 def judge(case: Case) -> Judged:
-    """Run and judge one scenario with one controller.
-
-    The codes are compared on the ideal loop; requirements are of the run as deployed.
-    """
+    """Compare the codes on the ideal loop of a case; judge requirements by the run as deployed."""
     scenario, controller, settings = case
     ideal = scenario.ideal
     runs = closed_loop_runs(ideal, controller, settings)

@@ -41,35 +41,19 @@ from afl_mujoco.studies.verify.explanation import (
 
 Floats = NDArray[np.float64]
 
-EVERY = 0.25
-"""How long the ODE runs before it starts again from MuJoCo's state [s]."""
-
-FREE = 1.0
-"""Length of a free motion [s]."""
-
-STIR = 3.0
-"""Largest rate by which a free motion starts off the scenario's start [rad/s, m/s]."""
-
-PARTS = 10
-"""Parts of a free motion: each starts where it should, so that none amplifies an error."""
-
-HALVINGS = 12
-"""Its steps are that many: a part, halved again and again."""
-
-SHOWN = (1e-12, 1e-3)
-"""Errors between which an order can be seen: above round-off, and small."""
-
-FINE = (2.5e-4, 1.25e-4)
-"""Control periods between which the order of the hold is observed [s]."""
-
-STILL = 1e-9
-"""Largest error of a run in which so little happens that there is no order to be seen."""
+EVERY = 0.25  # how long the ODE runs before it starts again from MuJoCo's state [s]
+FREE = 1.0  # length of a free motion [s]
+STIR = 3.0  # largest rate by which a free motion starts off the scenario's start [rad/s, m/s]
+PARTS = 10  # parts of a free motion: each starts where it should, so that none amplifies an error
+HALVINGS = 12  # its steps are that many: a part, halved again and again
+SHOWN = (1e-12, 1e-3)  # errors between which an order can be seen: above round-off, and small
+FINE = (2.5e-4, 1.25e-4)  # control periods between which the order of the hold is observed [s]
+STILL = 1e-9  # largest error of a run in which so little happens that there is no order to be seen
 
 # --- the plant ------------------------------------------------------------------------------------
 
 
-NUDGE = 1e-7
-"""Change of the initial state whose growth is shown."""
+NUDGE = 1e-7  # change of the initial state whose growth is shown
 
 
 def of_plant(scenario: Scenario) -> list[Check]:
@@ -102,10 +86,7 @@ def _taken(id: str, row: Found, headline: str) -> Check:
 
 
 def free_motion(scenario: Scenario) -> tuple[Study, float]:
-    """Return the error of MuJoCo's RK4 over step sizes, and the energy that MuJoCo gains [J].
-
-    There are no inputs, no damping, and what equations of a tree cannot describe is left out.
-    """
+    """Return the error of MuJoCo's RK4 in undamped motion, and the energy it gains [J]."""
     model = PlantModel(scenario.plant, compared=True)
     row = model.rows(scenario.values_at(0.0))[0]
     model.write(row)
@@ -149,10 +130,7 @@ def free_motion(scenario: Scenario) -> tuple[Study, float]:
 
 
 def judge(case: Case) -> Judged:
-    """Run and judge one scenario of any plant with one controller.
-
-    The codes are compared on the ideal loop; requirements are of the run as deployed.
-    """
+    """Do as `validate.judge` does for the cart-pole."""
     scenario, controller, settings = case
     ideal, h, period = scenario.ideal, settings.timestep, settings.control_period
     loop = bound(controller, ideal)
@@ -227,10 +205,7 @@ def growth_of(
 
 
 def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:
-    """Return the largest difference of the ODE, restarted from MuJoCo's state at times, from it.
-
-    It restarts within segments: what happens at a breakpoint is compared as well.
-    """
+    """Return the largest difference of the ODE from MuJoCo, from whose state it restarts."""
     loop = Loop(scenario, ParameterChange(), MovingTrees(scenario.plant), controller)
     solver = loop.solver(criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)

@@ -98,10 +98,7 @@ def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
 
 
 def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
-    """Return the largest relative difference between MuJoCo's mass matrix and the analytic one.
-
-    The velocity jump under an ideal impulse, which follows from its inverse, counts as well.
-    """
+    """Return the largest relative error of MuJoCo's mass matrix, and of the jump by an impulse."""
     model = SimulatedModel(CART_POLE)
     draws = [(random_plant(rng), rng.uniform(-np.pi, np.pi)) for _ in range(states)]
     jumped, worst = np.empty(2), 0.0
@@ -120,11 +117,7 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
 
 
 def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, float]:
-    """Return how far MuJoCo's accelerations and the controller's force are from the symmetries.
-
-    Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
-    changes no acceleration, and neither do twice the masses under twice the force.
-    """
+    """Return how far mirrored or scaled, and shifted, motions are from symmetric."""
     model, draws = SimulatedModel(CART_POLE), _draws(rng, states, 1.5)
     plants = [p for p, *_ in draws]
     twice = [replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass) for p in plants]
@@ -237,10 +230,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
 
 
 def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool = False) -> float:
-    """Return the largest difference of a step of a sampled run from a textbook RK4 step.
-
-    Steps are left out in which momenta or masses jump, or rates act. Relative is to 1 + |x|.
-    """
+    """Compare steps without jumps or rates to textbook RK4 steps; relative is to 1 + |x|."""
     middles = 0.5 * (run.time[:-1] + run.time[1:])
     disturbed = held_disturbances(scenario, run.time)
     struck = np.asarray(disturbed.impulse.any(axis=1))

@@ -52,16 +52,13 @@ much adaptive gains lower it [%]."""
 
 CASES = tuple(TABLE_3)
 
-NEAR = 5.0
-"""How close to the paper's an improvement must come to be reproduced [percentage points]."""
-
+NEAR = 5.0  # how close to the paper's an improvement must come to be reproduced [percentage points]
 PUBLISHED_IMPROVEMENT = {case: row[2] for case, row in TABLE_3.items()}
 """By how much adaptive gains lower the objective of each case [%]."""
 
 IMPULSE_TIME = 10.0
 
-EXACT = 1e-10
-"""Largest scaled error of an identity that counts as round-off."""
+EXACT = 1e-10  # largest scaled error of an identity that counts as round-off
 
 Runs = Mapping[tuple[str, str], Metrics]
 """Metrics by scenario and controller."""
@@ -203,10 +200,7 @@ def performance_claims(runs: Runs, tried: Readings) -> Iterator[Claim]:
 
 
 def _settled(runs: Runs, scenarios: Sequence[str]) -> tuple[int, int, float | None]:
-    """Return how many runs settle, of how many, and the latest time; None if one never does.
-
-    A run settles when its last state enters its 2 % band for good.
-    """
+    """Return how many runs settle into 2 %, of how many, and the latest time, if all do."""
     found = [runs[s, c] for s in scenarios for c in (FIXED, ADAPTIVE)]
     times = [[one[f"settling_2pc_{x}"] for x in CART_POLE.states] for one in found]
     reached = [max(t for t in some if t is not None) for some in times if None not in some]

@@ -22,12 +22,8 @@ from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
 
-STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
-"""Steps of the closed-loop studies [s]."""
-
-SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
-"""Steps over which the schedule alone is held [s]."""
-
+STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)  # steps of the closed-loop studies [s]
+SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)  # steps over which the schedule alone is held [s]
 AFTERMATH = 0.5
 """Time for which a study continues after the last breakpoint [s]: nothing happens later."""
 
@@ -45,10 +41,7 @@ class Study:
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
     def deviation(self, expected: float) -> float:
-        """Return how far the observed order is from another; NaN where there is none.
-
-        It is the slope of the errors over the steps, both logarithmic, by least squares.
-        """
+        """Return how far the logarithmic slope is from an order; NaN where there is none."""
         if not all(math.isfinite(error) and error > 0.0 for error in self.errors):
             return math.nan
         return abs(float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0]) - expected)
@@ -86,10 +79,7 @@ def sampled_study(
     reference: Trajectory,
     steps: tuple[float, ...] = STEPS,
 ) -> tuple[Study, float]:
-    """Return the error of sampled mode against the ODE, over steps, and Richardson's residue.
-
-    The residue is the error of the extrapolation from the two smallest steps.
-    """
+    """Return the error of sampled mode over steps, and of extrapolation from the last two."""
     on_grid = np.isin(np.round(reference.time / STEPS[0], 6) % 1.0, (0.0, 1.0))
     wanted = reference.time[on_grid]
     states = []

@@ -45,8 +45,7 @@ from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- the error budget ---------------------------------------------------------------------------
 
-SUBSTEPS = 2
-"""RK4 steps in each held step of the parts: their errors cancel in the differences."""
+SUBSTEPS = 2  # RK4 steps in each held step of the parts: their errors cancel in the differences
 
 SOURCES: Mapping[str, str] = {
     "control_hold": "inputs held",
@@ -156,18 +155,12 @@ def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | Non
 
 # --- the ledger of energy and momentum ------------------------------------------------------------
 
-SAMPLE_PERIOD = 0.1
-"""Spacing of the instants at which the ledger is closed [s]."""
-
+SAMPLE_PERIOD = 0.1  # spacing of the instants at which the ledger is closed [s]
 _WORK, _RAMP_ENERGY, _IMPULSE, _RAMP_MOMENTUM, _JUMP_ENERGY, _JUMP_MOMENTUM = range(4, 10)
 
 
 def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
-    """Return the energy [J] and momentum along z [N s] that MuJoCo gained and nothing accounts for.
-
-    Work, impulse, energy and momentum are MuJoCo's own; what a parameter change adds is booked by
-    the analytic energy and momentum.
-    """
+    """Return the energy [J] and momentum [N s] that MuJoCo gained and nothing accounts for."""
     model = SimulatedModel(scenario.plant, edit=_measure_energy)
     rate = closed_loop(model, scenario, controller)
     arrive = transition(model, scenario)
@@ -244,11 +237,7 @@ CAPSULE_EXCESS = 0.13
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Omission:
-    """What the paper's treatment of changing parameters leaves out (decision D9).
-
-    Each value is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE;
-    None if one run fell and the other did not.
-    """
+    """What frozen M and l leave out (decision D9): change of any state, None if one fell."""
 
     scenario: str
     controller: str
@@ -256,8 +245,7 @@ class Omission:
     momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
 
 
-SPARSE = 0.02
-"""Spacing of the instants of a replay [s]."""
+SPARSE = 0.02  # spacing of the instants of a replay [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,11 +21,8 @@ from afl_mujoco.studies.verify.explanation import SOURCES
 if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
-PICTURED = "step-step"
-"""The scenario whose runs are shown first, if it is there."""
-
-PERCENT = " [%]"
-"""Ending of the quantity of a claim that is drawn on the axis."""
+PICTURED = "step-step"  # the scenario whose runs are shown first, if it is there
+PERCENT = " [%]"  # ending of the quantity of a claim that is drawn on the axis
 
 
 def report(result: Result) -> Report:
