@@ -145,17 +145,36 @@ class Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Result:
-    """Controllers compared; what is kept of the first draw alone is by ``scenario/controller``."""
+    """Controllers compared.
+
+    Attributes
+    ----------
+    scenarios
+        The scenarios.
+    rows
+        Runs of every scenario with every controller, draw by draw.
+    metrics
+        All figures of each of these runs, as in `simulation.metrics`; none if its controller
+        failed.
+    remarks
+        What a reader should know about the first draw of each, by ``scenario/controller``.
+    curves
+        The first draw of each over time, by ``scenario/controller``; none if the controller failed.
+    timestep, control_period, integrator
+        How they were deployed; a period of None means that of the scenario, else one step.
+    film
+        The controllers as they were asked for, if they are to be filmed.
+    """
 
     scenarios: tuple[Scenario, ...]
-    rows: Rows  # runs of every scenario with every controller, draw by draw
-    metrics: tuple[Mapping[str, float | None], ...]  # of each run; empty if its controller failed
-    remarks: Mapping[str, tuple[str, ...]]  # what a reader should know about the first draws
-    curves: Mapping[str, Curves]  # the first draws over time, but of controllers that failed
-    timestep: float | None  # how they were deployed
-    control_period: float | None  # None for that of the scenario, else one step
+    rows: Rows
+    metrics: tuple[Mapping[str, float | None], ...]
+    remarks: Mapping[str, tuple[str, ...]]
+    curves: Mapping[str, Curves]
+    timestep: float | None
+    control_period: float | None
     integrator: str
-    film: tuple[str, ...] = ()  # the controllers as they were asked for, if they are to be filmed
+    film: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         names = {scenario.name for scenario in self.scenarios}
@@ -186,25 +205,20 @@ class Result:
         """Each run judged by each requirement, one row each, ready for pandas."""
         known = {scenario.name: asked_of(scenario.plant) for scenario in self.scenarios}
         return [
-            {
-                "scenario": run.scenario,
-                "controller": run.controller,
-                "draw": run.draw,
-                **asdict(one),
-                "unit": known[run.scenario][one.requirement].unit,
-                "met": one.met,
-            }
+            {"scenario": run.scenario, "controller": run.controller, "draw": run.draw}
+            | asdict(one)
+            | {"unit": known[run.scenario][one.requirement].unit, "met": one.met}
             for run in self.rows
             for one in run.requirements
         ]
 
     def plot(self, scenario: str | None = None) -> Any:
         """Draw the runs of a scenario, the first by default; return the matplotlib figure."""
-        by_name = {one.name: one for one in self.scenarios}
-        name = next(iter(by_name)) if scenario is None else scenario
-        if name not in by_name:
-            raise UnknownNameError.among("scenario", name, by_name)
-        return draw_responses(by_name[name], self.curves_on(by_name[name]))
+        known = {one.name: one for one in self.scenarios}
+        if scenario is not None and scenario not in known:
+            raise UnknownNameError.among("scenario", scenario, known)
+        shown = self.scenarios[0] if scenario is None else known[scenario]
+        return draw_responses(shown, self.curves_on(shown))
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""
@@ -226,13 +240,15 @@ class Result:
     def _told(self) -> list[Block]:
         return [block for one in self.scenarios for block in _answer(self, one)]
 
-    def draws_of(self, scenario: Scenario) -> dict[str, list[tuple[Run, Figures]]]:
-        """Return the draws of each controller on a scenario, each with all its figures."""
-        found: dict[str, list[tuple[Run, Figures]]] = {}
+    def draws_of(self, scenario: Scenario) -> tuple[dict[str, list[Run]], dict[str, list[Figures]]]:
+        """Return the draws of each controller on a scenario, and all their figures."""
+        draws: dict[str, list[Run]] = {}
+        found: dict[str, list[Figures]] = {}
         for run, figures in zip(self.rows, self.metrics, strict=True):
             if run.scenario == scenario.name:
-                found.setdefault(run.controller, []).append((run, figures))
-        return found
+                draws.setdefault(run.controller, []).append(run)
+                found.setdefault(run.controller, []).append(figures)
+        return draws, found
 
     def curves_on(self, scenario: Scenario) -> dict[str, Curves]:
         """Return the curves of a scenario by controller."""
@@ -314,21 +330,17 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
                     for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
-            remarks[key] = tuple(remarks_on(first, scenario, controller))
+            if said := tuple(remarks_on(first, scenario, controller)):
+                remarks[key] = said
             curves[key] = Curves(
                 time=first.time, state=first.state, force=first.input, command=first.command,
                 signals=dict(first.signals),
             )  # fmt: skip
         advance(controller.name)
     return Result(
-        scenarios=tuple(scenarios),
-        rows=tuple(rows),
-        metrics=tuple(figures),
-        remarks={key: said for key, said in remarks.items() if said},
-        curves=curves,
-        film=film,
-        **asdict(deployed),
-    )
+        scenarios=tuple(scenarios), rows=tuple(rows), metrics=tuple(figures), remarks=remarks,
+        curves=curves, film=film, **asdict(deployed),
+    )  # fmt: skip
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -367,26 +379,20 @@ def _score(draws: Sequence[Run]) -> str:
 
 
 def _answer(result: Result, scenario: Scenario) -> list[Block]:
-    draws = result.draws_of(scenario)
+    draws, figures = result.draws_of(scenario)
     lines = []
-    for name, ((first, _), *_) in draws.items():
+    for name, (first, *_) in draws.items():
         said = result.remarks.get(f"{scenario.name}/{name}", ())
         lines += [f"{name}: {remark}" for remark in said]
         lines += [f"{name} {first.ending}"] if first.message else []
-    return [
-        requirements_matrix(
-            scenario,
-            {name: [run for run, _ in some] for name, some in draws.items()},
-            {name: [figures for _, figures in some] for name, some in draws.items()},
-        ),
-        *(["\n".join(f"- {plain(line)}" for line in lines)] if lines else []),
-    ]
+    told = ["\n".join(f"- {plain(line)}" for line in lines)] if lines else []
+    return [requirements_matrix(scenario, draws, figures), *told]
 
 
 def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
-    draws, blocks = result.draws_of(scenario), _answer(result, scenario)
+    (draws, figures), blocks = result.draws_of(scenario), _answer(result, scenario)
     if curves := result.curves_on(scenario):
-        endings = {name: some[0][0].ending for name, some in draws.items()}
+        endings = {name: some[0].ending for name, some in draws.items()}
         moving = {name: (one.time, one.state) for name, one in curves.items()}
         blocks += [
             replay(f"compare-{number}", scenario, moving, endings),
@@ -398,7 +404,6 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
                 draw=partial(draw_responses, scenario, curves),
             ),
         ]
-    figures = {name: [found for _, found in some] for name, some in draws.items()}
     shown = in_order(name for some in figures.values() for found in some for name in found)
     return [
         *blocks,
@@ -465,13 +470,12 @@ def films(result: Result, command: str) -> list[Film]:
 
     controllers = [find_controller(name) for name in result.film]
     deployment = Deployed(result.integrator, result.timestep, result.control_period)
-    found = []
+    films = []
     for scenario in result.scenarios:
         there = result.curves_on(scenario)  # the others failed
-        shown = [controller for controller in controllers if controller.name in there]
-        if shown:
-            found.append(side_by_side(scenario, shown, deployment, command=command))
-    return found
+        if shown := [controller for controller in controllers if controller.name in there]:
+            films.append(side_by_side(scenario, shown, deployment, command=command))
+    return films
 
 
 STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=3)

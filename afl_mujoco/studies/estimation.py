@@ -257,16 +257,11 @@ def _loops(result: Result) -> Matrix:
         ],
         rows=[
             [
-                case.scenario,
-                loop.parameters + (", noise" if loop.noise else ""),
-                Cell(
-                    f"{loop.completed} of {loop.runs}",
-                    "bad" if loop.completed < loop.runs else "",
-                ),
-                fixed(loop.metrics["iae_z"], 2),
-                fixed(loop.metrics["iae_phi"], 3),
-                fixed(loop.metrics["max_force"], 1),
-                fixed(loop.largest_force, 1),
+                case.scenario, loop.parameters + ", noise" * loop.noise,
+                Cell(f"{loop.completed} of {loop.runs}",
+                     "bad" if loop.completed < loop.runs else ""),
+                fixed(loop.metrics["iae_z"], 2), fixed(loop.metrics["iae_phi"], 3),
+                fixed(loop.metrics["max_force"], 1), fixed(loop.largest_force, 1),
             ]
             for case in result.cases
             for loop in case.loops

@@ -148,13 +148,16 @@ class Result:
     identified: Identified
     terms: dict[str, Term]  # of the pole's equation, by name: gravity, coupling and friction
     held_out: tuple[Errors, ...]  # of the whole in MuJoCo, given the command, by horizon
-    whole: tuple[Errors, ...]  # the same where no row, whose command is unknown, is missing
+    # the same for starts around which no row is missing; the command of a missing row is unknown
+    whole: tuple[Errors, ...]
     pole: tuple[Errors, ...]  # of the pole alone, given the motion of the cart
     baselines: dict[str, tuple[Errors, ...]]  # of other models, given the command, by name
     statements: tuple[Statement, ...]  # of the protocol
     band: Array  # horizons [s], and the rms errors of z [m] and phi [rad] after them, shape (3, H)
     recorded: Shown  # a recording beside its predictions
-    survival: tuple[Survival, ...] = ()  # empty if the estimates are too uncertain to draw from
+    # what controllers would do on that cart-pole; empty if nothing was drawn, or the estimates are
+    # too uncertain to draw from
+    survival: tuple[Survival, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -280,10 +283,8 @@ def _judge(
     (whole,) = (one for one in held_out if one.horizon == 0.5)
     why = ""
     if identified.description.phi.dead_zone is not None and driven.clear_phi is not None:
-        why = (
-            "readings missing before the start, across the dead zone: without such starts it is "
-            f"{short(driven.clear_phi, 3)}"
-        )
+        why = "readings missing before the start, across the dead zone: without such starts it is "
+        why += short(driven.clear_phi, 3)
     late = "commands that arrive late, or a drive that is not linear"
     off = {name: _off(terms[name]) for name in ("gravity", "coupling")}
     measured: dict[str, tuple[float | None, float, bool, str]] = {
@@ -293,10 +294,13 @@ def _judge(
         "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
         "rig-0.5-z": (whole.explained_z, 0.0, True, late),
     }
-    judged = []
+    judged, own, reason = (
+        [],
+        identified.description.limits,
+        "as the description of the cart-pole says",
+    )
     for one in protocol()["statements"]:
-        if one["id"] in (own := identified.description.limits):
-            reason = "as the description of the cart-pole says"
+        if one["id"] in own:
             one = {**one, "limit": own[one["id"]], "reason": reason}
         value, width, at_least, suspected = measured[one["id"]]
         if value is None:
@@ -328,24 +332,21 @@ STEP = 1e-3  # control period of a cart-pole that has none [s]
 
 def changes(scenario: Scenario) -> dict[str, Scenario]:
     """Return a cart-pole as it is, and with its limits relaxed, by the name of the change."""
-    r = scenario.imperfections
-    rail = scenario.rail
+    r, rail = scenario.imperfections, scenario.rail
     longer = {} if rail is None else {"end_stops.z": 4.0 * rail}
     stronger = {} if r.input_limit is None else {"input_limit": 4.0 * r.input_limit}
-    exact = {"encoder_step": {}, "differentiated": False}
     undamped = {"damping.z": 0.0}
+    faster = {"control_period": 0.1 * (r.control_period or STEP), "delay": 0.0}
     found: dict[str, dict[str, Any]] = {
         AS_IT_IS: {},
         "rail x4": longer,
         "force x4": stronger,
         "rail and force x4": {**longer, **stronger},
-        "ten times the control rate, no delay": {
-            "control_period": 0.1 * (r.control_period or STEP), "delay": 0.0,
-        },
-        "exact sensors": exact,
+        "ten times the control rate, no delay": faster,
+        "exact sensors": {"encoder_step": {}, "differentiated": False},
         "drive makes up for rail damping": undamped,
         "drive makes up for rail damping, rail and force x4": {**undamped, **longer, **stronger},
-    }  # fmt: skip
+    }
     return {
         name: replace(scenario, imperfections=r.changed(changed), requirements=NONE)
         for name, changed in found.items()
@@ -394,24 +395,17 @@ def report(result: Result) -> Report:
     headline += f" · not decided: {', '.join(by[None])}" if by[None] else ""
     blocks: list[Block] = [_statements(result)]
     if result.fitted:
-        blocks.append(
-            plain(
-                f"No proof, if they are the same recordings: {listed(result.fitted, 'and')} have "
-                "names of recordings that the estimates were fitted to."
-            )
-        )
-    blocks.append(
-        Figure(
-            name="hardware-recording",
-            title=f"{result.recorded.name}, measured and predicted",
-            caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
-            "recorded command, for half a second from each fitted state. Bands: twice the rms "
-            "error of all recordings after that time.",
-            draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
-        )
+        told = f"No proof, if they are the same recordings: {listed(result.fitted, 'and')} have "
+        blocks.append(plain(f"{told}names of recordings that the estimates were fitted to."))
+    figure = Figure(
+        name="hardware-recording",
+        title=f"{result.recorded.name}, measured and predicted",
+        caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
+        "recorded command, for half a second from each fitted state. Bands: twice the rms error "
+        "of all recordings after that time.",
+        draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
     )
-    if result.survival:
-        blocks.append(_outlook(result.survival))
+    blocks += [figure, *([_outlook(result.survival)] if result.survival else [])]
     return Report(headline=headline, passed=result.passed, blocks=blocks)
 
 

@@ -104,15 +104,14 @@ def report(result: Result) -> Report:
     )
     blocks: list[Block] = []
     if result.shown is not None:
-        blocks.append(
-            Figure(
-                name="identify-log",
-                title=f"{result.shown.name}, measured and simulated",
-                caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a "
-                "state that was fitted to the half second before it.",
-                draw=partial(draw_shown, result.shown),
-            )
+        figure = Figure(
+            name="identify-log",
+            title=f"{result.shown.name}, measured and simulated",
+            caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state "
+            "that was fitted to the half second before it.",
+            draw=partial(draw_shown, result.shown),
         )
+        blocks.append(figure)
     blocks.append(_estimates(one))
     if one.drive is None:
         blocks.append("The command is constant in every log: cart and drive cannot be identified.")
@@ -132,17 +131,12 @@ def _estimates(one: Identified) -> Matrix:
         f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
         columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
         rows=[
-            [
-                x.title,
-                x.unit,
-                short(given.get(x.name)),
-                short(x.value),
-                "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}",
-            ]
+            [x.title, x.unit, short(given.get(x.name)), short(x.value),
+             "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}"]
             for x in (*found, *one.physical)
             if not x.name.startswith(("sin_", "cos_"))  # harmonics of the linearity
         ],
-    )
+    )  # fmt: skip
 
 
 def require_files(folder: Path) -> None:

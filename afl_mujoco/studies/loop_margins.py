@@ -113,10 +113,9 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
         )
         for step in (STEP, COARSER * STEP)
     )
-    disagreement = max(
-        float(np.abs(one - other).max() / max(np.abs(one).max(), 1e-300))
-        for one, other in zip(fine, coarse, strict=True)
-    )
+    gaps = (np.abs(x - y).max() / max(np.abs(x).max(), 1e-300)
+            for x, y in zip(fine, coarse, strict=True))  # fmt: skip
+    disagreement = max(map(float, gaps))
     a, b, k = fine
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
@@ -140,13 +139,13 @@ def require_rest(thing: str, scenario: Scenario, inputs: Array, model: Simulated
     rule = "must be about an equilibrium: its inputs must hold the plant at its target"
     for name, x, (low, high) in zip(plant.inputs, inputs, scenario.limits, strict=True):
         if not (low <= x <= high and math.isfinite(x)):
-            limits = f"within {low:g} to {high:g}"
-            raise InvalidValueError(thing, f"{rule}, {limits}", f"{name} = {x:g}")
+            within = f"{rule}, within {low:g} to {high:g}"
+            raise InvalidValueError(thing, within, f"{name} = {x:g}")
     target = np.array([*scenario.target, *np.zeros(len(plant.coordinates))])
     for name, x in zip(plant.coordinates, model.accelerations(target, inputs), strict=True):
         if not abs(x) <= REST:
-            rate = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
-            raise InvalidValueError(thing, rule, rate)
+            said = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
+            raise InvalidValueError(thing, rule, said)
     return inputs
 
 
@@ -207,21 +206,21 @@ def loop_margins(
 
     if not (imperfections.differentiated or imperfections.velocity_filter):
         loop = _without_idle(loop)
-    if control_period is None:
-        if not loop.stable:
-            return None
-        parts = _broken(loop.a, loop.b, loop.k)
-        return [_margins(control.ss(a, b, k, 0.0), None) if k.any() else UNTOUCHED
-                for a, b, k in parts]  # fmt: skip
-    period, r = require_positive("control_period", control_period), imperfections
-    a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
-    k = np.hstack([loop.k, np.zeros((len(loop.k), len(a) - len(loop.a)))])
-    if r.differentiated or r.velocity_filter:
-        a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
-    if not np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0:
+    a, b, k, period, r = loop.a, loop.b, loop.k, control_period, imperfections
+    if period is not None:
+        require_positive("control_period", period)
+        a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
+        k = np.hstack([k, np.zeros((len(k), len(a) - len(loop.a)))])
+        if r.differentiated or r.velocity_filter:
+            a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
+    stable = loop.stable if period is None else np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0
+    if not stable:
         return None
-    return [_margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
-            for part in _broken(a, b, k)]  # fmt: skip
+    found = []
+    for part in _broken(a, b, k):
+        one = control.ss(*part, 0.0) if period is None else _bilinear(*part, period)
+        found.append(_margins(one, period) if part[2].any() else UNTOUCHED)
+    return found
 
 
 def _without_idle(loop: Loop) -> Loop:
@@ -244,13 +243,13 @@ def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Arra
     for delay in delays:
         whole = math.floor(delay / period + SNAP)
         rest = max(delay - whole * period, 0.0)
-        late.append((whole, rest if rest > SNAP * period else 0.0))
-    waiting = [whole + (1 if rest else 0) for whole, rest in late]
-    system = np.zeros((order + sum(waiting), order + sum(waiting)))
-    drive = np.zeros((order + sum(waiting), count))
+        rest = rest if rest > SNAP * period else 0.0
+        late.append((whole, rest, whole + (rest > 0.0)))
+    size = order + sum(pending for *_, pending in late)
+    system, drive = np.zeros((size, size)), np.zeros((size, count))
     system[:order, :order] = _sampled(loop, period)[0]
     first = order
-    for i, ((whole, rest), pending) in enumerate(zip(late, waiting, strict=True)):
+    for i, (whole, rest, pending) in enumerate(late):
         a, b = _sampled(loop, period - rest)  # of the input that comes last
         if rest:
             system[:order, first + pending - 1] = a @ _sampled(loop, rest)[1][:, i]

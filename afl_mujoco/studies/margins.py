@@ -162,11 +162,8 @@ def prepare(options: Options) -> Request:
     levels = o.levels if o.levels is not None else QUICK_LEVELS if o.quick else LEVELS
     require_count("levels", levels, 2, MOST_PLANTS)
     spans = {**scenario.spans, **scenario.ranges.varied}
-    axes = {
-        name: tuple(np.linspace(*spans[name], levels).tolist())
-        for name in scenario.plant.parameters
-        if spans[name][0] < spans[name][1]
-    }
+    varied = [name for name in scenario.plant.parameters if spans[name][0] < spans[name][1]]
+    axes = {name: tuple(np.linspace(*spans[name], levels).tolist()) for name in varied}
     if (count := levels ** len(axes)) > MOST_PLANTS:
         rule = f"must make at most {MOST_PLANTS} plants of {', '.join(axes)}"
         raise InvalidValueError("levels", rule, f"{levels}, which makes {count}")
@@ -178,14 +175,10 @@ def prepare(options: Options) -> Request:
     return request._replace(measured=measured)
 
 
+_ENDS = {"cart_mass": CART_MASSES, "half_length": HALF_LENGTHS}
 PAPER = Scenario(
     name="the paper's cart-poles",
-    ranges=Ranges(
-        varied={
-            "cart_mass": (CART_MASSES[0], CART_MASSES[-1]),
-            "half_length": (HALF_LENGTHS[0], HALF_LENGTHS[-1]),
-        }
-    ),
+    ranges=Ranges(varied={name: (some[0], some[-1]) for name, some in _ENDS.items()}),
 )
 
 
@@ -234,7 +227,8 @@ class Result:
     units: dict[str, str]  # of the parameters that vary
     plants: int
     rows: tuple[Row, ...]
-    not_linear: dict[str, str] = field(default_factory=dict)  # why the other controllers are not
+    # why each of the other controllers has no linear margins, by its name
+    not_linear: dict[str, str] = field(default_factory=dict)
 
     @property
     def controllers(self) -> tuple[str, ...]:
@@ -532,13 +526,9 @@ def report(result: Result) -> Report:
     held = f"inputs held {short(1e3 * r.control_period)} ms"
     blocks: list[Block] = []
     if r.imperfections != "none" or r.left_out:
+        said = f"Imperfections of {r.scenario} that count: {r.imperfections}; "
         left = listed(r.left_out, "and") or "none"
-        blocks.append(
-            plain(
-                f"Imperfections of {r.scenario} that count: {r.imperfections}; "
-                f"that a linear loop cannot have: {left}."
-            )
-        )
+        blocks.append(plain(f"{said}that a linear loop cannot have: {left}."))
     if r.rows:
         plants, cells = _delays(r)
         grades, texts = ([[one[k] for one in row] for row in cells.values()] for k in (0, 1))
@@ -554,8 +544,8 @@ def report(result: Result) -> Report:
     if r.not_linear:
         reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())
         blocks.append("\n".join(f"- {reason}" for reason in reasons))
-    said = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
-    return Report(headline=f"Least delay margin: {' · '.join(said)}", blocks=blocks)
+    least = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
+    return Report(headline=f"Least delay margin: {' · '.join(least)}", blocks=blocks)
 
 
 def _said(result: Result, name: str) -> str:

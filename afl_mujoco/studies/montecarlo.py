@@ -153,7 +153,7 @@ def prepare(options: Options) -> Request:
 class Result:
     """Every controller on the same samples, and the worst that a search found."""
 
-    seed: int
+    seed: int  # of the samples
     integrator: str  # of MuJoCo, and its step [s], None for the default
     timestep: float | None
     space: SampleSpace  # that the samples are drawn from
@@ -241,16 +241,14 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
         rows=tuple(run for some in runs.values() for run in some),
         asked=dict(zip(runs, request.names, strict=True)),
         rates={
-            name: {
-                "passes": rate([not run.failure for run in some]),
-                "settles": rate([run.settled for run in some]),
-            }
+            name: {"passes": rate([not run.failure for run in some]),
+                   "settles": rate([run.settled for run in some])}
             for name, some in runs.items()
         },
         worst_cases=tuple(worst),
         assumed=request.assumed,
         film=request.film,
-    )
+    )  # fmt: skip
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -285,27 +283,21 @@ def report(result: Result) -> Report:
 
 def _rates(result: Result) -> Matrix:
     rows: list[list[Cell | str]] = []
-    runs = result.runs
-    for name, some in runs.items():
+    passed: dict[str, list[bool]] = {}
+    for name, some in result.runs.items():
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
+        fails = "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING
         margins = [run.margin for run in some if run.margin is not None]
         shares = (
             f"{percent(share, 3)} ({fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)})"
             for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
         )
-        rows.append(
-            [
-                name,
-                *shares,
-                percent(median(margins)) if margins else MISSING,
-                "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING,
-            ]
-        )
-    passed = {name: [not run.failure for run in some] for name, some in runs.items()}
+        rows.append([name, *shares, percent(median(margins)) if margins else MISSING, fails])
+        passed[name] = [not run.failure for run in some]
     pairs = [
         f"{a} and {b} p = {short(p_value(passed[a], passed[b]), 2)}"
-        for a, b in combinations(runs, 2)
+        for a, b in combinations(passed, 2)
     ]
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals"
@@ -318,15 +310,12 @@ def _rates(result: Result) -> Matrix:
 def _draw_rates(result: Result) -> Any:
     from afl_mujoco.report.figures import Dot, dots
 
-    def dot(word: str, share: float, low: float, high: float) -> Dot:
-        text = f"{word} {100.0 * share:.1f} %"
-        ends = (100.0 * low, 100.0 * high)
-        return Dot(at=100.0 * share, thin=ends, text=text, hollow=word == "settles")
-
-    rows = {
-        name: [dot(word, *found) for word, found in rates.items()]
-        for name, rates in result.rates.items()
-    }
+    rows: dict[str, list[Dot]] = {name: [] for name in result.rates}
+    for name, rates in result.rates.items():
+        for word, found in rates.items():
+            share, low, high = (100.0 * x for x in found)
+            text, hollow = f"{word} {share:.1f} %", word == "settles"
+            rows[name].append(Dot(at=share, thin=(low, high), text=text, hollow=hollow))
     return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
 
 
@@ -337,17 +326,10 @@ def _worst_cases(result: Result) -> Matrix:
         moved = [(name, x) for name, x in changes_of(result.space, one.point).items()
                  if " instant " not in name and " shape" not in name]  # fmt: skip
         at = f" at {fixed(run.time, 2)} s" if run.failure == run.outcome and run.time else ""
-        rows.append(
-            [
-                one.controller,
-                one.question,
-                Cell(how(run.failure) + at, "bad" if run.failure else "good"),
-                percent(run.margin),
-                fixed(one.distance, 2),
-                ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2]),
-                one.file,
-            ]
-        )
+        outcome = Cell(how(run.failure) + at, "bad" if run.failure else "good")
+        most = ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2])
+        numbers = (percent(run.margin), fixed(one.distance, 2))
+        rows.append([one.controller, one.question, outcome, *numbers, most, one.file])
     return Matrix(
         caption="What a search found: distance from the scenario as a share of the diagonal of all "
         "ranges; what was moved most, as a share of its range",
@@ -443,17 +425,13 @@ def films(result: Result, command: str) -> list[Film]:
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.films.video import side_by_side
 
-    deployment = Deployed(timestep=result.timestep, integrator=result.integrator)
-    return [
-        side_by_side(
-            worst_scenario(result.space, one, result.seed),
-            [find_controller(result.asked[one.controller])],
-            deployment,
-            command=command,
-        )
-        for one in result.worst_cases
-        if one.question == HARDEST and not one.run[0].message
-    ]
+    deployment, films = Deployed(timestep=result.timestep, integrator=result.integrator), []
+    for one in result.worst_cases:
+        if one.question == HARDEST and not one.run[0].message:
+            scenario = worst_scenario(result.space, one, result.seed)
+            shown = [find_controller(result.asked[one.controller])]
+            films.append(side_by_side(scenario, shown, deployment, command=command))
+    return films
 
 
 STUDY = Study(

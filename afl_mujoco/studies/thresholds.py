@@ -162,7 +162,9 @@ class Result:
     scenarios: tuple[Scenario, ...]  # each level must be survived in all of them
     imperfections: tuple[Imperfection, ...]  # that were swept, with the level of the reference
     rows: Rows  # the runs that the sweeps name, and those with nothing added
-    bare: Mapping[str, tuple[int, ...]]  # those by controller, as places; who fails has no sweeps
+    # by controller, its runs with nothing added, as places among the rows; one that fails there has
+    # no sweeps
+    bare: Mapping[str, tuple[int, ...]]
     sweeps: tuple[Sweep, ...] = ()  # by imperfection and then by controller
 
     def runs(self, places: Sequence[int]) -> list[Run]:
@@ -268,21 +270,29 @@ def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
         return IDLE
     if not survived(result.runs(found.reference)):
         return FAILS
-    ratio = times_reference(one, found.survives.holds_at) if found.survives.holds_at else 0.0
+    ratio = _spare(one, found)
     if found.survives.bound == LOWER or ratio >= 10.0:
         return MUCH
     return SOME if ratio >= 3.0 else LITTLE
+
+
+def _spare(one: Imperfection, found: Sweep) -> float:
+    held = found.survives.holds_at
+    return times_reference(one, held) if held else 0.0
 
 
 def report(result: Result) -> Report:
     """Return what is shown of thresholds."""
     names = result.controllers
     on = listed([scenario.name for scenario in result.scenarios], "and")
-    failing = [name for name in result.bare if name not in names]
+    failing = []
+    for name in (name for name in result.bare if name not in names):
+        run = next(one for one in result.runs(result.bare[name]) if one.failure)
+        failing.append(f"{name} {how(run.failure)}" + f" ({run.message})" * bool(run.message))
     headline = _headline(result, names) if names else f"No controller survives {on} as it is."
     blocks: list[Block] = []
     if failing:
-        blocks.append(f"With nothing added: {'; '.join(_fails(result, name) for name in failing)}.")
+        blocks.append(f"With nothing added: {'; '.join(failing)}.")
     if names:
         cells = {
             _label(result, one): [_cell(result, one, name) for name in names]
@@ -305,28 +315,18 @@ def _headline(result: Result, names: Sequence[str]) -> str:
     """Say what the study's own controller survives, and what has the least to spare."""
     ours = subject_of(names)
     single = [one for one in result.imperfections if one.name != COMBINED.name]
-    graded = [(grade_of(result, one, result.sweep(one.name, ours)), one) for one in single]
-    acting = [(grade, one) for grade, one in graded if grade != IDLE]
+    swept = [(one, result.sweep(one.name, ours)) for one in single]
+    acting = [(grade, *pair) for pair in swept if (grade := grade_of(result, *pair)) != IDLE]
     if not acting:
         return f"{ours}: no single imperfection was tried that acts on it."
-    survives = sum(grade > FAILS for grade, _ in acting)
-
-    def spare(one: Imperfection) -> float:
-        held = result.sweep(one.name, ours).survives.holds_at
-        return times_reference(one, held) if held else 0.0
-
-    _, least = min(acting, key=lambda pair: (pair[0] == MUCH, spare(pair[1])))
-    at = threshold_text(least, result.sweep(least.name, ours).survives)
+    survives = sum(grade > FAILS for grade, *_ in acting)
+    _, least, found = min(acting, key=lambda x: (x[0] == MUCH, _spare(*x[1:])))
+    at = threshold_text(least, found.survives)
     return (
         f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
         f"to spare: {least.title} (reference {level_text(least, least.reference)} {least.unit}, "
         f"fails at {at} {least.unit})."
     )
-
-
-def _fails(result: Result, name: str) -> str:
-    first = next(one for one in result.runs(result.bare[name]) if one.failure)
-    return f"{name} {how(first.failure)}" + (f" ({first.message})" if first.message else "")
 
 
 def _label(result: Result, one: Imperfection) -> str:

@@ -104,7 +104,8 @@ def verdict_of(checks: Sequence[Check], rows: Sequence[Run] = ()) -> Literal["pa
 class Result:
     """What a verification found."""
 
-    verdict: Literal["pass", "fail"]  # as `verdict_of` says
+    # "pass" if every check holds, and there is one, and every requirement is met, else "fail"
+    verdict: Literal["pass", "fail"]
     checks: tuple[Check, ...]  # every judged value
     runs: tuple[Simulated, ...]  # each case in each simulator
     rows: Rows = ()  # each case as deployed and judged
