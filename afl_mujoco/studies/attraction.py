@@ -30,6 +30,8 @@ from afl_mujoco.studies.robustness import map_starts, require_runs
 from afl_mujoco.studies.run import Rows, Run
 from afl_mujoco.values import require_positive
 
+Floats = NDArray[np.float64]
+
 GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001  # number of starts along each axis, and the most
 WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",
          "controller fails")  # fmt: skip
@@ -78,8 +80,8 @@ class Request(NamedTuple):
     scenario: Scenario
     controllers: Sequence[Controller]
     axes: tuple[str, str]
-    angles: NDArray[np.float64]
-    rates: NDArray[np.float64]
+    angles: Floats
+    rates: Floats
     deployed: Deployed = Deployed()
 
 
@@ -173,11 +175,7 @@ class Result:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Run every controller from every start; the result does not depend on the workers."""
     scenario, controllers, axes, angles, rates, deployed = request

@@ -198,11 +198,7 @@ def p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
     space, controllers, _, _, samples, seed, deployed, budget, _ = request

@@ -18,12 +18,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
-from afl_mujoco.scenario.imperfections import (
-    BY_INPUT,
-    LARGEST_SEED,
-    Imperfection,
-    imperfections_of,
-)
+from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
@@ -39,6 +34,8 @@ from afl_mujoco.studies.search import (
     scan_levels,
 )
 from afl_mujoco.values import require_distinct
+
+Floats = NDArray[np.float64]
 
 Scenarios = tuple[Scenario, ...]
 Hardware = dict[str, Any]
@@ -373,21 +370,21 @@ def search_worst(
     """
     rng, spent = search_generator(seed), 0
 
-    def at(points: Sequence[NDArray[np.float64]], noise: int) -> list[Run]:
+    def at(points: Sequence[Floats], noise: int) -> list[Run]:
         pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
         units = [(piece, [noise] * len(piece)) for piece in pieces]
         run = partial(_run_points, controller, space, seed, deployed)
         return [one for some in compute_all(run, units, executor) for one in some]
 
-    def cost(question: str, point: NDArray[np.float64], run: Run) -> float:
+    def cost(question: str, point: Floats, run: Run) -> float:
         severity = run.severity(space.scenario)
         if question == HARDEST:
             return -severity
         # every failure ranks before every run that passes; of those the most severe ranks first
         return distance_of(space, point) if run.failure else 2.0 - severity
 
-    def search(question: str, start: NDArray[np.float64], noise: int) -> Worst:
-        def costs(points: list[NDArray[np.float64]]) -> list[float]:
+    def search(question: str, start: Floats, noise: int) -> Worst:
+        def costs(points: list[Floats]) -> list[float]:
             nonlocal spent
             found = at(points, noise)
             spent += len(points)
@@ -459,7 +456,7 @@ def require_samples(
             controller.inputs_along_run(masses, lengths, *scenario.told_constants)
 
 
-def _assumed(space: SampleSpace, name: str) -> NDArray[np.float64]:
+def _assumed(space: SampleSpace, name: str) -> Floats:
     """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
     own = space.scenario.hardware(f"{name}{ERROR}")
     bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
@@ -479,7 +476,7 @@ def map_starts(
     controller: Controller,
     scenario: Scenario,
     axes: tuple[str, str],
-    levels: tuple[NDArray[np.float64], NDArray[np.float64]],
+    levels: tuple[Floats, Floats],
     deployed: Deployed,
     executor: Executor,
     advance: Callable[[int], None] = lambda starts: None,

@@ -183,11 +183,7 @@ class Result:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request

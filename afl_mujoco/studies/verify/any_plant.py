@@ -31,13 +31,7 @@ from afl_mujoco.studies.run import run_of
 from afl_mujoco.studies.verify.checks import one_step_difference
 from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
-from afl_mujoco.studies.verify.explanation import (
-    Growth,
-    Judged,
-    budget_curves,
-    error_budget,
-    moving,
-)
+from afl_mujoco.studies.verify.explanation import Growth, Judged, error_budget, moving
 
 Floats = NDArray[np.float64]
 
@@ -164,8 +158,7 @@ def judge(case: Case) -> Judged:
         step = sampled.provenance["settings"]["timestep"]
         twin = simulate_ode_held(ideal, loop, timestep=step, control_period=period, substeps=2)
         whole = {name: runs[name] for name in ("ode", "mujoco exact", DEPLOYED)}
-        if curves := budget_curves(ideal, loop, {**whole, "ode held": twin}, substeps=1):
-            budget = error_budget(ideal, loop, sampled.time, curves)
+        budget = error_budget(ideal, loop, {**whole, "ode held": twin}, substeps=1)
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))

@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
@@ -37,7 +36,13 @@ from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_steps
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
-from afl_mujoco.studies.verify.convergence import Study, difference, free_swing_study, last_state
+from afl_mujoco.studies.verify.convergence import (
+    Floats,
+    Study,
+    difference,
+    free_swing_study,
+    last_state,
+)
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- equations ------------------------------------------------------------------------------------
@@ -176,14 +181,12 @@ def add_passive_physics(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(name="ground", type=plane, contype=1, conaffinity=1, **place)
 
 
-def _qacc(
-    model: mujoco.MjModel, data: mujoco.MjData, state: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _qacc(model: mujoco.MjModel, data: mujoco.MjData, state: Floats) -> Floats:
     """Return MuJoCo's accelerations at a state, solved from a cold start."""
     mujoco.mj_resetData(model, data)
     data.qpos, data.qvel, data.ctrl = state[:2], state[2:], 3.0
     mujoco.mj_forward(model, data)
-    found: NDArray[np.float64] = data.qacc.copy()
+    found: Floats = data.qacc.copy()
     return found
 
 
@@ -305,9 +308,7 @@ def run_digests() -> tuple[str, ...]:
     )
 
 
-def manufactured(
-    time: float,
-) -> tuple[NDArray[np.float64], tuple[float, float], NDArray[np.float64]]:
+def manufactured(time: float) -> tuple[Floats, tuple[float, float], Floats]:
     """Return the manufactured motion: state, (M, l) and (z'', phi'') at a time."""
     z, phi = 0.3 * np.sin(time), 0.5 * np.cos(1.3 * time)
     z_dot, phi_dot = 0.3 * np.cos(time), -0.65 * np.sin(1.3 * time)
@@ -330,13 +331,13 @@ def manufactured_study() -> tuple[Study, float]:
     """Return RK4's and DOP853's errors around MuJoCo's dynamics on the manufactured motion."""
     model, work = SimulatedModel(CART_POLE), work_space(4)
 
-    def rate(time: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rate(time: float, state: Floats) -> Floats:
         _, (mass, length), _ = manufactured(time)
         model.write(np.array([mass, NOMINAL.pole_mass, length, NOMINAL.gravity]))
         force, torque = required_forces(time)
         return np.array([*state[2:], *model.accelerations(state, force, (0.0, torque))])
 
-    def rates(_: None, time: float, state: NDArray[np.float64], slopes: Any) -> None:
+    def rates(_: None, time: float, state: Floats, slopes: Any) -> None:
         slopes[:] = rate(time, state)
 
     start, end = manufactured(0.0)[0], manufactured(MANUFACTURED_DURATION)[0]

@@ -22,6 +22,8 @@ from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
 
+Floats = NDArray[np.float64]
+
 STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)  # steps of the closed-loop studies [s]
 SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)  # steps over which the schedule alone is held [s]
 AFTERMATH = 0.5
@@ -117,7 +119,7 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     p = CartPoleParameters(cart_mass=0.7, pole_mass=0.2, half_length=0.4, gravity=9.7)
     start = np.array([0.1, -np.pi / 3, 0.2, 0.3])
 
-    def rate(_: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rate(_: float, state: Floats) -> Floats:
         return np.concatenate([state[2:], acceleration(state, 0.0, p)])
 
     truth = last_state(rate, start, 1.0)
@@ -131,11 +133,7 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     return Study(tuple(steps), tuple(errors))
 
 
-def last_state(
-    rate: Callable[[float, NDArray[np.float64]], NDArray[np.float64]],
-    start: NDArray[np.float64],
-    duration: float,
-) -> NDArray[np.float64]:
+def last_state(rate: Callable[[float, Floats], Floats], start: Floats, duration: float) -> Floats:
     """Return the state at the end of a smooth problem, by DOP853 to near round-off."""
     solution = solve_ivp(rate, (0.0, duration), start, method="DOP853", rtol=1e-13, atol=1e-14)
     return np.asarray(solution.y[:, -1])

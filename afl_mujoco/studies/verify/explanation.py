@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
@@ -36,6 +35,7 @@ from afl_mujoco.studies.run import Run
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
+    Floats,
     continuous_study,
     sampled_study,
     schedule_study,
@@ -93,49 +93,41 @@ class ErrorBudget(Parts):
         return self.residual / self.total if self.total else 0.0
 
 
-def budget_curves(
+def error_budget(
     scenario: Scenario,
     controller: Controller,
     runs: Mapping[str, Trajectory],
     substeps: int = SUBSTEPS,
-) -> dict[str, NDArray[np.float64]]:
-    """Return total, parts and residual as curves, shape (N, states) each, at each step."""
+) -> ErrorBudget | None:
+    """Return the budget of a case from its runs; None if one did not reach its end."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
-        return {}
+        return None
     settings = runs["mujoco sampled"].provenance["settings"]
-    timestep, period = settings["timestep"], settings["control_period"]
-    grid = runs["mujoco sampled"].time
+    times, period = runs["mujoco sampled"].time, settings["control_period"]
 
-    def part(holds: Holds) -> NDArray[np.float64] | None:
-        how: Any = {"timestep": timestep, "holds": holds, "substeps": substeps}
-        return _at(simulate_ode_held(scenario, controller, **how), grid)
+    def part(**holds: Any) -> Trajectory:
+        how: Any = {"timestep": settings["timestep"], "holds": Holds(**holds)}
+        return simulate_ode_held(scenario, controller, **how, substeps=substeps)
 
-    curves = {name: _at(run, grid) for name, run in runs.items()}
-    followed = part(Holds())
+    followed = part()
     changes = any(schedule.breakpoints for schedule in scenario.schedule.values())
     held = {
-        "control_hold": part(Holds(control_period=period)),
-        "schedule_sampling": part(Holds(schedule=True)) if changes else followed,
-        "disturbance_timing": part(Holds(disturbance=True)) if scenario.disturbances else followed,
+        "control_hold": part(control_period=period),
+        "schedule_sampling": part(schedule=True) if changes else followed,
+        "disturbance_timing": part(disturbance=True) if scenario.disturbances else followed,
     }
-    if any(curve is None for curve in (followed, *curves.values(), *held.values())):
-        return {}
-    total = curves["mujoco sampled"] - curves["ode"]  # type: ignore[operator]
+    every = {**runs, **held, "followed": followed}
+    rows = {name: np.searchsorted(run.time, times - 1e-9) for name, run in every.items()}
+    if any(rows[name][-1] >= len(run.time) for name, run in every.items()):
+        return None
+    at = {name: run.state[rows[name]] for name, run in every.items()}
+    total = at["mujoco sampled"] - at["ode"]
     parts = {
-        "model_form": curves["mujoco exact"] - curves["ode"],  # type: ignore[operator]
-        "integrator": curves["mujoco sampled"] - curves["ode held"],  # type: ignore[operator]
-        **{name: curve - followed for name, curve in held.items()},  # type: ignore[operator]
+        "model_form": at["mujoco exact"] - at["ode"],
+        "integrator": at["mujoco sampled"] - at["ode held"],
+        **{name: at[name] - at["followed"] for name in held},
     }
-    return {"total": total, **parts, "residual": total - sum(parts.values())}
-
-
-def error_budget(
-    scenario: Scenario,
-    controller: Controller,
-    times: NDArray[np.float64],
-    curves: Mapping[str, NDArray[np.float64]],
-) -> ErrorBudget:
-    """Return the budget of curves at some instants [s]."""
+    curves = {"total": total, **parts, "residual": total - sum(parts.values())}
     row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
     signed = {name: float(curve[row, column]) for name, curve in curves.items()}
     state, units = scenario.plant.states[column], scenario.plant.units
@@ -145,12 +137,6 @@ def error_budget(
         at_worst=AtWorst(state=state, unit=units[state], time=float(times[row]), **signed),
         **{name: float(np.abs(curve).max()) for name, curve in curves.items()},
     )
-
-
-def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the states at the instants of the grid; None if the run did not reach its end."""
-    index = np.searchsorted(run.time, grid - 1e-9)
-    return run.state[index] if index[-1] < len(run.time) else None
 
 
 # --- the ledger of energy and momentum ------------------------------------------------------------
@@ -165,15 +151,13 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
     rate = closed_loop(model, scenario, controller)
     arrive = transition(model, scenario)
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Sequence[float]:
+    def derivative(time: float, state: Floats, segment: Segment) -> Sequence[float]:
         motion = rate(time, state, segment)
         force = float(model.mj_data.ctrl[0] + model.mj_data.qfrc_applied[0])
         energy, momentum = _ramp_power(scenario, state, time, segment)
         return (*motion, force * state[2], energy, force, momentum, 0.0, 0.0)
 
-    def book(
-        state: NDArray[np.float64], before: Segment | None, after: Segment
-    ) -> NDArray[np.float64]:
+    def book(state: Floats, before: Segment | None, after: Segment) -> Floats:
         arrived = arrive(state, before, after)
         new = _parameters(scenario, after, after.start)
         was, now = state[:4], arrived[:4]
@@ -199,7 +183,7 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
 
 
 def _measured(
-    model: SimulatedModel, scenario: Scenario, time: float, state: NDArray[np.float64]
+    model: SimulatedModel, scenario: Scenario, time: float, state: Floats
 ) -> tuple[float, float]:
     model.write(scenario.values_at(time))
     momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
@@ -207,7 +191,7 @@ def _measured(
 
 
 def _ramp_power(
-    scenario: Scenario, state: NDArray[np.float64], time: float, segment: Segment
+    scenario: Scenario, state: Floats, time: float, segment: Segment
 ) -> tuple[float, float]:
     """Return what the ramps add per second to energy [W] and momentum [N] at fixed velocities."""
     _, phi, z_dot, phi_dot = state[:4].tolist()
@@ -283,9 +267,7 @@ def explain(
     """Explain the runs of one case: by the error budget, in full by all that this file has."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return (), None, None
-    times, names = runs["mujoco sampled"].time, (scenario.name, controller.name)
-    parts = budget_curves(scenario, controller, runs)
-    budget = error_budget(scenario, controller, times, parts) if parts else None
+    names, budget = (scenario.name, controller.name), error_budget(scenario, controller, runs)
     values = {} if budget is None else {"B5": budget.residual_share}
     if not full:
         return judged(values, *names), budget, None

@@ -75,9 +75,7 @@ def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
         explanation, "Holds", lambda control_period=None, **held: original(None, **held)
     )
     original = Holds
-    parts = explanation.budget_curves(SHORT, ADAPTIVE, runs)
-    times = runs["mujoco sampled"].time
-    budget = explanation.error_budget(SHORT, ADAPTIVE, times, parts)
+    budget = explanation.error_budget(SHORT, ADAPTIVE, runs)
     assert not CRITERIA["B5"].judge(budget.residual_share).passed
 
 
@@ -107,7 +105,7 @@ def test_a_run_that_fell_is_not_explained(runs):
         name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
         for name, run in runs.items()
     }
-    assert explanation.budget_curves(SHORT, ADAPTIVE, fallen) == {}
+    assert explanation.error_budget(SHORT, ADAPTIVE, fallen) is None
     explained = explanation.explain(SHORT, ADAPTIVE, fallen, full=True)
     assert explained == ((), None, None)
 
