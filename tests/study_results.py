@@ -24,11 +24,11 @@ from afl_mujoco.studies import identify as identify_study
 from afl_mujoco.studies import margins as margins_study
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies import thresholds as thresholds_study
-from afl_mujoco.studies.contract import find_study
-from afl_mujoco.studies.identified_parts import Shown
-from afl_mujoco.studies.record import Record, save_record
-from afl_mujoco.studies.robustness import Settings
-from afl_mujoco.studies.search import Budget
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.identified_parts import Shown
+from afl_mujoco.studies.shared.record import Record, save_record
+from afl_mujoco.studies.shared.robustness import Settings
+from afl_mujoco.studies.shared.search import Budget
 from tests.verification_result import NASTY, OWN, make_result
 
 CONTROLLERS = ("adaptive", "lqr")

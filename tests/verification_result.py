@@ -15,8 +15,8 @@ from afl_mujoco.films.listing import LISTING, Entry, Listing
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import UNITS
-from afl_mujoco.studies.cases import REPORTED, Settings, Simulated
 from afl_mujoco.studies.validate import Result, verdict_of
+from afl_mujoco.studies.verify.cases import REPORTED, Settings, Simulated
 from afl_mujoco.studies.verify.claims import (
     IN_PART,
     NOT_REPRODUCED,

@@ -1,1 +1,1 @@
-"""The studies, one file each with a `STUDY`, as `contract.listed` finds them; what they share."""
+"""The studies, one file each; what they share is in `shared`, what validates in `verify`."""

@@ -24,10 +24,16 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
-from afl_mujoco.studies.robustness import map_starts, require_runs
-from afl_mujoco.studies.run import Rows, Run
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import (
+    ControllerNames,
+    Progress,
+    ScenarioName,
+    Study,
+    silent,
+)
+from afl_mujoco.studies.shared.robustness import map_starts, require_runs
+from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.values import require_positive
 
 Floats = NDArray[np.float64]

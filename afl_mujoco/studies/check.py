@@ -18,7 +18,7 @@ from afl_mujoco.plants.suspects import Search
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
 from afl_mujoco.report.markdown import plain
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
 
 Floats = NDArray[np.float64]
 

@@ -28,8 +28,8 @@ from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import Layout, controller_inputs
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import (
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Progress,
     ScenarioNames,
@@ -37,9 +37,9 @@ from afl_mujoco.studies.contract import (
     counted,
     silent,
 )  # fmt: skip
-from afl_mujoco.studies.robustness import require_runs
-from afl_mujoco.studies.run import Rows, Run, numbered, run_kept
-from afl_mujoco.studies.tables import (
+from afl_mujoco.studies.shared.robustness import require_runs
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_kept
+from afl_mujoco.studies.shared.tables import (
     ENDINGS,
     as_file,
     grouped,

@@ -20,9 +20,9 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, compute, silent
-from afl_mujoco.studies.run import run_kept
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
+from afl_mujoco.studies.shared.run import run_kept
 from afl_mujoco.values import require_distinct
 
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")

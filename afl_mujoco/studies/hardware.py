@@ -27,10 +27,10 @@ from afl_mujoco.report.numbers import listed, percent, short
 from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import Shown, draw_shown, shown_of
-from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.identified_parts import Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.run import run_all
 
 MOST_DRAWS = 100_000
 

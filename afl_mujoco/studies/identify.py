@@ -18,8 +18,8 @@ from afl_mujoco.identification.least_squares import FEW_CLUSTERS
 from afl_mujoco.identification.log import Log
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
 from afl_mujoco.report.numbers import percent, short
-from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import AHEAD, Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_shown, shown_of
 
 ESTIMATES, SCENARIO = "estimates.json", "identified.toml"
 

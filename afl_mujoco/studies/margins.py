@@ -28,8 +28,8 @@ from afl_mujoco.simulation.linear import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
-from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, compute, silent
-from afl_mujoco.studies.loop_margins import (
+from afl_mujoco.studies.shared.contract import Progress, ScenarioIfAny, Study, compute, silent
+from afl_mujoco.studies.shared.loop_margins import (
     LINEAR,
     STEP,
     Margins,
@@ -39,8 +39,8 @@ from afl_mujoco.studies.loop_margins import (
     loop_margins,
     require_rest,
 )
-from afl_mujoco.studies.search import find_threshold, scan_levels
-from afl_mujoco.studies.tables import heat
+from afl_mujoco.studies.shared.search import find_threshold, scan_levels
+from afl_mujoco.studies.shared.tables import heat
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:

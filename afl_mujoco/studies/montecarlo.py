@@ -24,7 +24,7 @@ from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.contract import (
+from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Interrupted,
     Progress,
@@ -32,7 +32,7 @@ from afl_mujoco.studies.contract import (
     Study,
     silent,
 )
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared.robustness import (
     HARDEST,
     NEAREST,
     Worst,
@@ -42,9 +42,9 @@ from afl_mujoco.studies.robustness import (
     search_worst,
     worst_scenario,
 )
-from afl_mujoco.studies.run import Rows, Run
-from afl_mujoco.studies.search import Budget
-from afl_mujoco.studies.tables import how
+from afl_mujoco.studies.shared.run import Rows, Run
+from afl_mujoco.studies.shared.search import Budget
+from afl_mujoco.studies.shared.tables import how
 
 if TYPE_CHECKING:
     from afl_mujoco.films.video import Film

@@ -18,7 +18,7 @@ from afl_mujoco.report.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.contract import (
+from afl_mujoco.studies.shared.contract import (
     Interrupted,
     Progress,
     ScenarioNames,
@@ -27,7 +27,7 @@ from afl_mujoco.studies.contract import (
     named_controllers,
     silent,
 )
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared.robustness import (
     COMBINED,
     KNOWN,
     Settings,
@@ -43,9 +43,9 @@ from afl_mujoco.studies.robustness import (
     sweep,
     times_reference,
 )
-from afl_mujoco.studies.run import Rows, Run
-from afl_mujoco.studies.search import LOWER, UPPER, Threshold
-from afl_mujoco.studies.tables import graded, how
+from afl_mujoco.studies.shared.run import Rows, Run
+from afl_mujoco.studies.shared.search import LOWER, UPPER, Threshold
+from afl_mujoco.studies.shared.tables import graded, how
 from afl_mujoco.values import require_distinct
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)

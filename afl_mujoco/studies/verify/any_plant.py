@@ -24,10 +24,10 @@ from afl_mujoco.simulation.ode import Loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
-from afl_mujoco.studies.run import run_of
+from afl_mujoco.studies.shared.run import run_of
+from afl_mujoco.studies.verify.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.verify.checks import one_step_difference
 from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged

@@ -29,9 +29,9 @@ from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.cases import Simulated
-from afl_mujoco.studies.run import Run
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.run import Run
+from afl_mujoco.studies.verify.cases import Simulated
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,

@@ -12,8 +12,8 @@ from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED
-from afl_mujoco.studies.cases import DEPLOYED
-from afl_mujoco.studies.tables import as_file, grouped, how, replay, requirements_matrix
+from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
+from afl_mujoco.studies.verify.cases import DEPLOYED
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import SOURCES

@@ -10,8 +10,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.simulation.ode_fixed_step import Holds
-from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify import explanation
+from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.convergence import STEPS, Study, sampled_study
 from afl_mujoco.studies.verify.criteria import CRITERIA
 

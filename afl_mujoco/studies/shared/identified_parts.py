@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Starts
-from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.shared.arrays import Array
 
 Values = NDArray[np.float64]
 

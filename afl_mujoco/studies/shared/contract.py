@@ -1,6 +1,7 @@
 """The parts of every study, and which studies there are.
 
-A study is a module of this folder. Its first line is what the list of commands says of it; it has
+A study is a module of `afl_mujoco.studies`. Its first line is what the list of commands says of it;
+it has
 
 ``Options``
     A frozen dataclass, the options of the command, each with a default; ``quick`` is one of them in

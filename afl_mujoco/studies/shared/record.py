@@ -29,8 +29,8 @@ from afl_mujoco.pool import compute_all, interrupts_put_off, is_interrupt, open_
 from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
-from afl_mujoco.studies.arrays import packed, unpacked
-from afl_mujoco.studies.contract import Progress, Study, counted, find_study, listed, silent
+from afl_mujoco.studies.shared.arrays import packed, unpacked
+from afl_mujoco.studies.shared.contract import Progress, Study, counted, find_study, listed, silent
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""

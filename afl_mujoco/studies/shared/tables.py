@@ -17,8 +17,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.metrics import effort_names, label_of, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.run import Run
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.run import Run
 
 ENDINGS = {
     FELL: "falls",

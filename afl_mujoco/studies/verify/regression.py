@@ -18,7 +18,7 @@ from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.studies.cases import (
+from afl_mujoco.studies.verify.cases import (
     Case,
     Settings,
     closed_loop_runs,

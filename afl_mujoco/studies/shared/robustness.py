@@ -24,8 +24,8 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.run import Rows, Run, numbered, run_all
-from afl_mujoco.studies.search import (
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
+from afl_mujoco.studies.shared.search import (
     LOWER,
     Budget,
     Threshold,
