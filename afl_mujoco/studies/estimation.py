@@ -217,13 +217,11 @@ def _loop(
 def report(result: Result) -> Report:
     """Return what is shown of estimation."""
     cases = result.cases
-    noisy = [_find(case, ESTIMATED, noise=True) for case in cases]
-    exact = [_find(case, TRUE, noise=False).metrics["iae_phi"] for case in cases]
-    ratios = [
-        mine / true
-        for loop, true in zip(noisy, exact, strict=True)
-        if (mine := loop.metrics["iae_phi"]) is not None and true is not None
-    ]
+    loops = [{(loop.parameters, loop.noise): loop for loop in case.loops} for case in cases]
+    noisy = [one[ESTIMATED, True] for one in loops]
+    pairs = [(one[ESTIMATED, True].metrics["iae_phi"], one[TRUE, False].metrics["iae_phi"])
+             for one in loops]  # fmt: skip
+    ratios = [mine / true for mine, true in pairs if mine is not None and true is not None]
     headline = (
         f"{result.controller} with estimated M and l completes "
         f"{sum(loop.completed for loop in noisy)} of {sum(loop.runs for loop in noisy)} noisy runs"
@@ -240,11 +238,6 @@ def report(result: Result) -> Report:
         draw=partial(_draw, case.curves),
     )
     return Report(headline=headline, blocks=[figure, _loops(result)])
-
-
-def _find(case: Case, parameters: str, *, noise: bool) -> Loop:
-    wanted = parameters, noise
-    return next(loop for loop in case.loops if (loop.parameters, loop.noise) == wanted)
 
 
 def _loops(result: Result) -> Matrix:

@@ -35,7 +35,6 @@ from afl_mujoco.studies.shared.contract import Progress, Study, counted, find_st
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
 
-
 PAGE = "report.html"
 """The page of a folder, removed with an old result: beside a new one it would mislead."""
 
@@ -45,14 +44,13 @@ HEADER = ("schema", "study", "command", "versions", "inputs", "files")
 
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on."""
-    return {**{name: _version(name) for name in PACKAGES}, "python": platform.python_version()}
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:  # dm_control, beyond Python 3.12
-        return "not installed"
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # dm_control, beyond Python 3.12
+            found[name] = "not installed"
+    return {**found, "python": platform.python_version()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

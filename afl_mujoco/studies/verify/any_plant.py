@@ -24,13 +24,12 @@ from afl_mujoco.simulation.ode import Loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
 from afl_mujoco.studies.shared.run import run_of
 from afl_mujoco.studies.verify.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.verify.checks import one_step_difference
 from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
-from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
+from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check, judged
 from afl_mujoco.studies.verify.explanation import Growth, Judged, error_budget, moving
 
 Floats = NDArray[np.float64]
@@ -44,10 +43,9 @@ SHOWN = (1e-12, 1e-3)  # errors between which an order can be seen: above round-
 FINE = (2.5e-4, 1.25e-4)  # control periods between which the order of the hold is observed [s]
 STILL = 1e-9  # largest error of a run in which so little happens that there is no order to be seen
 
-# --- the plant ------------------------------------------------------------------------------------
-
-
 NUDGE = 1e-7  # change of the initial state whose growth is shown
+
+# --- the plant ------------------------------------------------------------------------------------
 
 
 def of_plant(scenario: Scenario) -> list[Check]:
@@ -58,12 +56,11 @@ def of_plant(scenario: Scenario) -> list[Check]:
         reached = [x for x in (*scenario.spans[name], one.low, one.high) if x is not None]
         box[name] = min(reached), max(reached)
     found = check(plant, box=box)
-    rows = {row.id: row for row in found.checks}
-    checks = [
-        _taken(id, rows[row], found.headline)
-        for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1"))
-        if row in rows
-    ]
+    rows, checks = {row.id: row for row in found.checks}, []
+    for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1")):
+        if row in rows:
+            taken = replace(CRITERIA[id], limit=rows[row].limit).judge(rows[row].value)
+            checks.append(taken if taken.passed else replace(taken, reason=found.headline))
     stale = [rows[id].value for id in ("F1", "F2") if id in rows]
     failed = [row for row in found.checks if not row.passed and row.id not in ("F1", "F2")]
     values = {"A1c": float(len(failed))} | ({"A3n": sum(stale)} if stale else {})
@@ -71,12 +68,7 @@ def of_plant(scenario: Scenario) -> list[Check]:
     values["A6f"] = lost
     if len(study.steps) >= 3:
         values["A4f"] = study.deviation(4.0)
-    return [*checks, *(CRITERIA[id].judge(values[id]) for id in CRITERIA if id in values)]
-
-
-def _taken(id: str, row: Found, headline: str) -> Check:
-    taken = replace(CRITERIA[id], limit=row.limit).judge(row.value)
-    return taken if taken.passed else replace(taken, reason=headline)
+    return [*checks, *judged(values, ANY, ANY)]
 
 
 def free_motion(scenario: Scenario) -> tuple[Study, float]:
