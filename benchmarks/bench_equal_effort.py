@@ -38,7 +38,7 @@ from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, ra
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.scoring import objective
-from afl_mujoco.studies.cube_search import Budget, minimise
+from afl_mujoco.studies.shared.search import Budget, minimise
 from research.gain_tuning import paper_scales
 
 TIMES = (0.0, 0.3, 0.8, 1.5, 3.0, 6.0, 12.0)

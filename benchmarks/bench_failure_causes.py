@@ -23,8 +23,8 @@ from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.studies.montecarlo import file_of
-from afl_mujoco.studies.record import load_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record
 
 SENSORS = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
 TAKEN_AWAY = {

@@ -33,7 +33,7 @@ from afl_mujoco.pool import Executor, compute_all, open_executor
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import objective, with_objective
-from afl_mujoco.studies.cube_search import Budget, minimise
+from afl_mujoco.studies.shared.search import Budget, minimise
 from research.claims import compare
 from research.gain_tuning import GainTable, paper_scales
 from research.scheduled import scheduled_terms

@@ -44,8 +44,8 @@ from afl_mujoco.report.markdown import plain, to_markdown
 from afl_mujoco.report.numbers import short
 from afl_mujoco.report.page import replay_html
 from afl_mujoco.report.style import save_figure, styled
-from afl_mujoco.studies.record import Record, load_record
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.shared.contract import studies
+from afl_mujoco.studies.shared.record import Record, load_record
 from docs.tables import (
     faults_table,
     mutants_table,

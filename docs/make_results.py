@@ -20,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from afl_mujoco.studies.record import versions
+from afl_mujoco.studies.shared.record import versions
 from docs.content import DOCS, RESULTS, Content
 from docs.sources import MADE, ROOT, SOURCES, Source
 

@@ -6,7 +6,7 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
 
 ROOT = Path(__file__).resolve().parent.parent
 

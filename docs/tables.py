@@ -18,8 +18,8 @@ from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of, bands_of
 from afl_mujoco.scenario.sample_space import SampleSpace
-from afl_mujoco.studies.registry import studies
-from afl_mujoco.studies.robustness import COMBINED, RAIL, added
+from afl_mujoco.studies.shared.contract import studies
+from afl_mujoco.studies.shared.robustness import COMBINED, RAIL, added
 from afl_mujoco.studies.thresholds import level_text
 from docs.sources import SOURCES
 

@@ -22,7 +22,7 @@ from afl_mujoco.control.gains import GAIN_NAMES, shipped_data
 from afl_mujoco.files import write_json
 from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, objective
-from afl_mujoco.studies.record import versions
+from afl_mujoco.studies.shared.record import versions
 from afl_mujoco.studies.verify.claims import (
     EVERY,
     FITTED,

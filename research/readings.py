@@ -28,8 +28,8 @@ from afl_mujoco.files import output_folder, remove_file, write_json
 from afl_mujoco.pool import compute_all, open_executor, require_workers
 from afl_mujoco.scenario.files import save_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.record import versions
+from afl_mujoco.studies.shared.record import versions
+from afl_mujoco.studies.shared.search import Budget, minimise
 from research.batch import closed_loop_terms
 from research.command import run_command
 from research.gain_tuning import GAIN_BOX

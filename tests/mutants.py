@@ -39,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
 from afl_mujoco.studies.montecarlo import rate
-from afl_mujoco.studies.record import versions
+from afl_mujoco.studies.shared.record import versions
 from tests.faulty_copies import (
     REPOSITORY,
     TESTS,
@@ -66,7 +66,7 @@ AREAS = {
             for name in ("checks", "claims", "convergence", "criteria", "explanation")
         ),
     ),
-    "statistics": ("studies/montecarlo.py", "studies/robustness.py"),
+    "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
 }
 DRAWN = ("simulation/decor.py", "simulation/figures.py")
 """What only draws."""

@@ -27,7 +27,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
-from afl_mujoco.studies.record import versions
+from afl_mujoco.studies.shared.record import versions
 from tests.faulty_copies import BRIEF, REPOSITORY, TESTS, Copies, check_all, run_command_line
 
 HEADER = ("fault", "caught by")

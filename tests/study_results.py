@@ -24,11 +24,11 @@ from afl_mujoco.studies import identify as identify_study
 from afl_mujoco.studies import margins as margins_study
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies import thresholds as thresholds_study
-from afl_mujoco.studies.cube_search import Budget
-from afl_mujoco.studies.identified_parts import Shown
-from afl_mujoco.studies.record import Record, save_record
-from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.robustness import Settings
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.identified_parts import Shown
+from afl_mujoco.studies.shared.record import Record, save_record
+from afl_mujoco.studies.shared.robustness import Settings
+from afl_mujoco.studies.shared.search import Budget
 from tests.verification_result import NASTY, OWN, make_result
 
 CONTROLLERS = ("adaptive", "lqr")
@@ -167,7 +167,7 @@ def hardware() -> hardware_study.Result:
     term = hardware_study.Term(
         value=37.4, low=37.3, high=37.5, expected=37.25, unit="1/s²", title="gravity term w2"
     )
-    judged = hardware_study.Judged(
+    judged = hardware_study.Statement(
         id="rig-0.5-z", statement="The position is predicted.", measure="share of variance",
         limit=0.9, reason="as for the angle", value=0.49, at_least=True, suspected="the drive",
     )  # fmt: skip

@@ -15,8 +15,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.studies.record import load_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record
 from tests import program
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.studies.robustness import Settings
+from afl_mujoco.studies.shared.robustness import Settings
 from afl_mujoco.studies.thresholds import Request
 from afl_mujoco.studies.thresholds import run as find_thresholds
 from tests.own_rig import Rig, move

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import afl_mujoco as afl
 from afl_mujoco.control.law import afl_force
-from afl_mujoco.studies.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.criteria import CRITERIA
 

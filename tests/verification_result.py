@@ -15,8 +15,8 @@ from afl_mujoco.films.listing import LISTING, Entry, Listing
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import UNITS
-from afl_mujoco.studies.cases import REPORTED, Run, Settings
 from afl_mujoco.studies.validate import Result, verdict_of
+from afl_mujoco.studies.verify.cases import REPORTED, Settings, Simulated
 from afl_mujoco.studies.verify.claims import (
     IN_PART,
     NOT_REPRODUCED,
@@ -69,7 +69,7 @@ def make_result(
     places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
     checks = make_checks(places, b3)
     runs = tuple(
-        Run(**place, simulator=name, outcome=outcome, metrics=dict.fromkeys(UNITS) | _METRICS)
+        Simulated(**place, simulator=name, outcome=outcome, metrics=dict.fromkeys(UNITS) | _METRICS)
         for place in places
         for name in REPORTED
     )

@@ -24,7 +24,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, chosen
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.studies.contract import ScenarioNames, named_controllers
+from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
     from afl_mujoco.control.controller import Controller
@@ -189,7 +189,7 @@ class Log:
         from afl_mujoco.report.numbers import percent, short
         from afl_mujoco.report.style import save_figure, styled
         from afl_mujoco.report.terminal import print_blocks
-        from afl_mujoco.studies.identified_parts import draw_log
+        from afl_mujoco.studies.shared.identified_parts import draw_log
 
         folder = output_folder(self.out)
         rows = []
@@ -239,8 +239,8 @@ class Regression:
         """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.scenario.catalogue import SCENARIOS
-        from afl_mujoco.studies.contract import counted
-        from afl_mujoco.studies.regression import (
+        from afl_mujoco.studies.shared.contract import counted
+        from afl_mujoco.studies.verify.regression import (
             REGRESSED,
             compare,
             load_baselines,
@@ -344,8 +344,8 @@ class Simulate(_Deployed):
         from afl_mujoco.simulation.remarks import remarks_on
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
         from afl_mujoco.simulation.trajectory import Layout
-        from afl_mujoco.studies.run import run_of
-        from afl_mujoco.studies.tables import how, metrics_matrix, requirements_matrix
+        from afl_mujoco.studies.shared.run import run_of
+        from afl_mujoco.studies.shared.tables import how, metrics_matrix, requirements_matrix
 
         controller = bound(controller, scenario)
         other = "exact" if self.simulator == "ode" else "ode"

@@ -38,7 +38,7 @@ from afl_mujoco.errors import (
     warning_in_one_line,
 )
 from afl_mujoco.pool import interrupts_noted, is_interrupt
-from afl_mujoco.studies.registry import listed
+from afl_mujoco.studies.shared.contract import listed
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 """Commands listed after those of the studies."""

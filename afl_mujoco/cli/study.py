@@ -26,13 +26,12 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.contract import Interrupted, Progress, Study
-from afl_mujoco.studies.registry import find_study, listed
+from afl_mujoco.studies.shared.contract import Interrupted, Progress, Study, find_study, listed
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
     from afl_mujoco.report.blocks import Block, Section
-    from afl_mujoco.studies.record import Record
+    from afl_mujoco.studies.shared.record import Record
 
 TITLE = "Controllers in MuJoCo"
 
@@ -44,7 +43,7 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     """Raise if something but one study, to be replaced, could not be put into a page."""
     from afl_mujoco.files import require_no_folder
     from afl_mujoco.films.listing import load_listing
-    from afl_mujoco.studies.record import PAGE, load_records
+    from afl_mujoco.studies.shared.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
     for place in {films, folder}:
@@ -62,7 +61,7 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
     from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.listing import sections as film_sections
     from afl_mujoco.report.page import Part, to_html
-    from afl_mujoco.studies.record import PAGE, load_records
+    from afl_mujoco.studies.shared.record import PAGE, load_records
 
     records = load_records(folder, ahead=ahead)
     if not records:
@@ -148,7 +147,7 @@ class StudyCommand:
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.pool import kept_processes
         from afl_mujoco.report.terminal import print_report
-        from afl_mujoco.studies.record import PAGE, Record, save_partial, save_record
+        from afl_mujoco.studies.shared.record import PAGE, Record, save_partial, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))

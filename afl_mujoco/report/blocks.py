@@ -16,11 +16,8 @@ Status = Literal["", "good", "neutral", "bad", "open"]
 MARKS: Mapping[str, str] = {"": "", "good": "✓ ", "neutral": "◐ ", "bad": "✗ ", "open": "? "}
 """Mark before a cell, so that its status does not depend on colour alone."""
 
-REPLAY = ".replay.json"
-"""Ending of the file of a replay."""
-
-NUMBERS = "0123456789−-<>+–±"
-"""Beginnings of what is aligned as a number."""
+REPLAY = ".replay.json"  # ending of the file of a replay
+NUMBERS = "0123456789−-<>+–±"  # beginnings of what is aligned as a number
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +35,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Matrix:
-    """A table whose first column names its rows; a string is a cell without status.
-
-    If `folded` is not empty, a page folds the matrix behind this line; a terminal leaves it out.
-    """
+    """A table whose first column names its rows; pages fold it if `folded`, terminals drop it."""
 
     caption: str
     columns: Sequence[str]

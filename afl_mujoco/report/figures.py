@@ -41,10 +41,7 @@ def heat(
     texts: Sequence[Sequence[str]],
     words: Sequence[str],
 ) -> Figure:
-    """Draw a grid of cells, each with a text on the colour of its grade.
-
-    A grade is an index into `words`.
-    """
+    """Draw cells, each with a text on the colour of its grade, an index into `words`."""
     shades = (*GRADES, IDLE)
     figure = new_figure(max(2.9 + 1.05 * len(columns), 6.0), 1.3 + 0.3 * len(rows))
     axes = figure.subplots()
@@ -59,15 +56,11 @@ def heat(
     axes.grid(False)
     axes.tick_params(length=0.0)
     axes.spines[:].set_visible(False)
-    for i in range(1, len(rows)):
-        axes.axhline(i - 0.5, color="#FFFFFF", linewidth=1.5)
-    for j in range(1, len(columns)):
-        axes.axvline(j - 0.5, color="#FFFFFF", linewidth=1.5)
-    handles = [
-        Patch(facecolor=shades[k], label=word)
-        for k, word in enumerate(words)
-        if any(k in row for row in grades)
-    ]
+    for draw, names in ((axes.axhline, rows), (axes.axvline, columns)):
+        for i in range(1, len(names)):
+            draw(i - 0.5, color="#FFFFFF", linewidth=1.5)
+    present = [k for k in range(len(words)) if any(k in row for row in grades)]
+    handles = [Patch(facecolor=shades[k], label=words[k]) for k in present]
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
@@ -92,10 +85,7 @@ def dots(
     colour_of: Mapping[str, str] | None = None,
     spread: float = 0.28,
 ) -> Figure:
-    """Draw marks with intervals, a row for each name, over one scale; `line` marks a value.
-
-    `spread` is the distance of marks of one row, as a share of that of the rows.
-    """
+    """Draw marks with intervals, a row for each name; `spread` is a share of a row's height."""
     shades = dict(colour_of or colours(rows))
     figure = new_figure(7.5, 1.3 + 0.5 * len(rows))
     axis = figure.subplots()
@@ -133,18 +123,17 @@ def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -
         )  # fmt: skip
 
 
+Curves = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""Instants [s] and values by name."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """A panel of curves over time: by name, instants [s] and values; pale ones behind them.
-
-    `limits` are drawn on both sides of `about`, `band` is shaded around it.
-    """
+    """Curves over time, pale ones behind them; limits and a band lie on both sides of `about`."""
 
     label: str
-    curves: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
-    pale: Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]] = field(
-        default_factory=dict
-    )
+    curves: Curves
+    pale: Curves = field(default_factory=dict)
     limits: Sequence[float] = ()
     band: float | None = None
     about: float = 0.0
@@ -152,15 +141,9 @@ class Panel:
 
 
 def curves(
-    panels: Sequence[Panel],
-    duration: float,
-    *,
-    shaded: Sequence[tuple[float, float]] = (),
+    panels: Sequence[Panel], duration: float, *, shaded: Sequence[tuple[float, float]] = ()
 ) -> Figure:
-    """Draw panels over one axis of time; a curve that ends before the duration ends with a cross.
-
-    `shaded` are stretches of time that are shaded in all panels [s].
-    """
+    """Draw panels over time [s], some of it shaded; a curve that ends early ends with a cross."""
     heights = [1.6 if panel.black else 2.6 for panel in panels]
     figure = new_figure(9.0, 0.8 + 0.75 * sum(heights))
     axes = figure.subplots(len(panels), 1, sharex=True, height_ratios=heights, squeeze=False)[:, 0]
@@ -179,16 +162,10 @@ def curves(
 
 
 def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: float) -> None:
-    """Draw the curves, limits and band of a panel."""
     axis.set_ylabel(panel.label)
     if panel.band is not None:
-        axis.axhspan(
-            panel.about - panel.band,
-            panel.about + panel.band,
-            color=GREY,
-            alpha=0.18,
-            linewidth=0.0,
-        )
+        ends = (panel.about - panel.band, panel.about + panel.band)
+        axis.axhspan(*ends, color=GREY, alpha=0.18, linewidth=0.0)
     for limit in (panel.about + sign * x for x in panel.limits for sign in (-1.0, 1.0)):
         axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
     how = lines(panel.curves)

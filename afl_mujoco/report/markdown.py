@@ -16,7 +16,6 @@ def to_markdown(found: Sequence[Block], level: int = 1) -> str:
 
 
 def _parts(found: Sequence[Block], level: int) -> Iterator[str]:
-    """Yield paragraphs."""
     for block in found:
         if isinstance(block, str):
             yield block

@@ -5,14 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-MISSING = "–"
-"""Sign for a missing number."""
-
-
-def power_of_ten(exponent: int) -> str:
-    """Return ``10`` with its exponent."""
-    return "10" + str(exponent).translate(_SUPERSCRIPT)
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MISSING = "–"  # sign for a missing number
 
 
 def scientific(value: float | None, digits: int = 2) -> str:
@@ -22,7 +16,7 @@ def scientific(value: float | None, digits: int = 2) -> str:
     if value == 0.0:
         return "0"
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
-    return f"{_signed(mantissa)}×{power_of_ten(int(exponent))}"
+    return f"{_signed(mantissa)}×10{str(int(exponent)).translate(SUPERSCRIPTS)}"
 
 
 def short(value: float | None, digits: int = 4) -> str:
@@ -47,7 +41,7 @@ def limit(value: float) -> str:
     if 0.0 < value < 1e-2:
         exponent = round(math.log10(value))
         if math.isclose(value, 10.0**exponent):
-            return power_of_ten(exponent)
+            return "10" + str(exponent).translate(SUPERSCRIPTS)
     return short(value)
 
 
@@ -58,17 +52,9 @@ def percent(share: float | None, digits: int = 2) -> str:
     return f"{short(100.0 * share, digits)} %"
 
 
-def interval(ends: Sequence[float]) -> str:
-    """Return an interval of shares in percent, without the percent sign."""
-    low, high = (fixed(100.0 * end, 1) for end in ends)
-    return f"{low} to {high}"
-
-
 def _signed(text: str) -> str:
     """Return a number's text with a proper minus sign, and none before zero."""
-    if not text.strip("-0."):
-        text = text.removeprefix("-")
-    return text.replace("-", "−")
+    return text.replace("-", "−" if text.strip("-0.") else "")
 
 
 def listed(parts: Sequence[str], word: str) -> str:

@@ -8,12 +8,11 @@ import io
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -24,27 +23,15 @@ from PIL import Image, UnidentifiedImageError
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.files import inside
 from afl_mujoco.report import numbers
-from afl_mujoco.report.blocks import (
-    Figure,
-    Film,
-    Matrix,
-    Replay,
-    Report,
-    Section,
-    drawn_of,
-)
+from afl_mujoco.report.blocks import Figure, Film, Matrix, Replay, Report, Section, drawn_of
 
 PACKAGE = "afl_mujoco.report"
 
-LARGE = 400_000
-"""Size above which a bitmap replaces a vector drawing, if it is smaller [bytes]."""
-
+LARGE = 400_000  # size above which a bitmap replaces a vector drawing, if it is smaller [bytes]
 SMALL, ROOM = 1_500_000, 17_000_000
 """Largest size of a film that is put inside the page, and space there for films [bytes]."""
 
-POSTER_SIZE, POSTER_QUALITY = (960, 960), 75
-"""Largest size of a poster [px], and its JPEG quality."""
-
+POSTER_SIZE, POSTER_QUALITY = (960, 960), 75  # largest size of a poster [px], and its JPEG quality
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
     'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
@@ -52,57 +39,44 @@ _ICON = (
 _KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay: "replay"}
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A report on a page, with the anchor of its section and the folders of its figures.
-
-    The first folder that has a figure counts.
-    """
+class Part(NamedTuple):
+    """A report on a page."""
 
     report: Report
-    anchor: str
-    folders: Sequence[Path]
+    anchor: str  # of its section
+    folders: Sequence[Path]  # of its figures; the first that has one counts
 
 
 def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_folder: Path) -> str:
-    """Return a page, the same bytes each time: reports, then the last sections.
-
-    Pictures and small films are inside it, large films are linked from `page_folder`; it says which
-    ones are missing. The title is that of the report if there is only one.
-    """
+    """Return a page, the same bytes each time; large films are linked, as seen from its folder."""
     sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
     every = [block for section in (*sections, *last) for block in section.walk()]
-    drawn = [(one, part.folders) for part in parts for one in drawn_of(part.report.blocks)]
-    pictures = {
-        one.name: find_picture(one.files, folders)
-        for one, folders in drawn
-        if isinstance(one, Figure)
-    }
-    replays = {
-        one.name: find_replay(one, folders) for one, folders in drawn if isinstance(one, Replay)
-    }
+    found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}
+    for part in parts:
+        for one in drawn_of(part.report.blocks):
+            find: Any = _picture if isinstance(one, Figure) else _replay
+            found[type(one)][one.name] = find(one.files, part.folders)
     judged = [part.report for part in parts if part.report.passed is not None]
-    worst = min(judged, key=lambda report: bool(report.passed), default=None)
-    style, script = _style(), _script()
-    return (
-        _environment()
-        .get_template("page.html.j2")
-        .render(
-            policy=content_policy(style, script),
-            style=style,
-            script=script,
-            icon_uri=data_uri("image/svg+xml", _ICON.encode()),
-            generator=f"afl_mujoco {version('afl_mujoco')}",
-            title=sections[0].title if len(parts) == 1 else title,
-            worst=worst,
-            parts=list(zip(parts, sections, strict=True)),
-            last=last,
-            pictures=pictures,
-            films=show_films([one for one in every if isinstance(one, Film)], page_folder),
-            replays=replays,
-        )
-        + "\n"
+    style, script = (
+        Markup("".join(_asset(f"assets/{name}") for name in names))
+        for names in (("page.css", "replay.css"), ("replay.js", "page.js"))
     )
+    page = _environment().get_template("page.html.j2")
+    text = page.render(
+        policy=_content_policy(style, script),
+        style=style,
+        script=script,
+        icon_uri=_data_uri("image/svg+xml", _ICON.encode()),
+        generator=f"afl_mujoco {version('afl_mujoco')}",
+        title=sections[0].title if len(parts) == 1 else title,
+        worst=min(judged, key=lambda report: bool(report.passed), default=None),
+        parts=list(zip(parts, sections, strict=True)),
+        last=last,
+        pictures=found[Figure],
+        films=show_films([one for one in every if isinstance(one, Film)], page_folder),
+        replays=found[Replay],
+    )
+    return text + "\n"
 
 
 def replay_html(one: Replay) -> str:
@@ -113,7 +87,6 @@ def replay_html(one: Replay) -> str:
 
 @cache
 def _environment() -> Environment:
-    """Return the template, which escapes all values."""
     made = Environment(
         loader=PackageLoader(PACKAGE),
         autoescape=True,
@@ -126,97 +99,75 @@ def _environment() -> Environment:
         "short": numbers.short,
         "fixed": numbers.fixed,
         "markdown": lambda text: Markup(markdown.render(text)),
-        "kind": _kind,
+        "kind": lambda block: _KINDS.get(type(block), "section"),
     }
     made.filters.update(filters)
     return made
 
 
-def _kind(block: Any) -> str:
-    """Return the kind of a block."""
-    return next((word for kind, word in _KINDS.items() if isinstance(block, kind)), "section")
-
-
-def content_policy(style: str, script: str) -> str:
-    """Return a page's Content-Security-Policy: what is inside it, pictures and films beside it."""
+def _content_policy(style: str, script: str) -> str:
+    """Allow what is inside a page by its hash, and pictures and films beside it."""
+    of_style, of_script = (
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in (style, script)
+    )
     beside = "'self' data: file:"
     return (
         f"default-src 'none'; img-src {beside}; media-src {beside}; "
-        f"style-src {_hash(style)}; script-src {_hash(script)}; base-uri 'none'; form-action 'none'"
+        f"style-src {of_style}; script-src {of_script}; base-uri 'none'; form-action 'none'"
     )
-
-
-def _hash(text: str) -> str:
-    """Return the hash of a text in the notation of a policy."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 
 @cache
 def _asset(name: str) -> str:
-    """Return a file of the package."""
     return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-
-
-def _style() -> Markup:
-    """Return the style sheet."""
-    return Markup(_asset("assets/page.css") + _asset("assets/replay.css"))
-
-
-def _script() -> Markup:
-    """Return the script."""
-    return Markup(_asset("assets/replay.js") + _asset("assets/page.js"))
 
 
 # --- pictures and films -------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """A figure as a page includes it: its data URI, and the size of the bitmap [px]."""
+class Picture(NamedTuple):
+    """A figure as a page includes it."""
 
-    source: str
-    width: int
+    source: str  # its data URI
+    width: int  # of the bitmap [px]
     height: int
 
 
-def find_picture(files: Mapping[str, str], folders: Sequence[Path]) -> Picture | None:
+def _picture(files: Mapping[str, str], folders: Sequence[Path]) -> Picture | None:
     """Return a figure as vectors unless these are large; None if its files are missing."""
     for folder in folders:
         paths = {kind: inside(folder, name) for kind, name in files.items()}
         if all(path.is_file() for path in paths.values()):
             svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
             width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
-            if len(svg) <= max(LARGE, len(png)):
-                return Picture(data_uri("image/svg+xml", svg), width, height)
-            return Picture(data_uri("image/png", png), width, height)
+            vectors = len(svg) <= max(LARGE, len(png))
+            shown = _data_uri("image/svg+xml", svg) if vectors else _data_uri("image/png", png)
+            return Picture(shown, width, height)
     return None
 
 
-def find_replay(one: Replay, folders: Sequence[Path]) -> Any:
+def _replay(files: Mapping[str, str], folders: Sequence[Path]) -> Any:
     """Return what the script draws; None if its file is missing."""
-    paths = [inside(folder, name) for folder in folders for name in one.files.values()]
-    there = next((path for path in paths if path.is_file()), None)
-    if there is None:
-        return None
-    with reading(there, "is not a replay"):
-        return json.loads(_read(there))
+    for path in (inside(folder, files["json"]) for folder in folders):
+        if path.is_file():
+            with reading(path, "is not a replay"):
+                return json.loads(_read(path))
+    return None
 
 
 def _read(path: Path) -> bytes:
-    """Return the content of a file."""
     try:
         return path.read_bytes()
     except OSError as error:
         raise FileError.cannot_be("read", path, error) from None
 
 
-def data_uri(kind: str, content: bytes) -> str:
-    """Return content of a media type as a data URI."""
+def _data_uri(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-@dataclass(frozen=True, slots=True)
-class Shown:
+class Shown(NamedTuple):
     """A film as a page includes it."""
 
     size: int  # of the file [bytes]; 0 if there is none
@@ -247,17 +198,16 @@ def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> di
 
 
 def _show(film: Film, page_folder: Path, room: int) -> Shown:
-    """Return how a page includes a film."""
     size = film.file.stat().st_size if film.file.is_file() else 0
     poster = _poster(film.poster) if film.poster else ""
     if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
-        return Shown(size, data_uri("video/mp4", film.file.read_bytes()), poster)
+        return Shown(size, _data_uri("video/mp4", film.file.read_bytes()), poster)
     beside = Path(os.path.relpath(film.file.resolve(), page_folder.resolve()))
     return Shown(size, quote(beside.as_posix()), poster)
 
 
 def _poster(path: Path) -> str:
-    """Return a still as a small JPEG inside a data URI; nothing if there is no such file."""
+    """Return a still as a small JPEG; nothing if there is no such file."""
     if not path.is_file():
         return ""
     try:
@@ -268,4 +218,4 @@ def _poster(path: Path) -> str:
     small.thumbnail(POSTER_SIZE)
     stream = io.BytesIO()
     small.save(stream, "JPEG", quality=POSTER_QUALITY)
-    return data_uri("image/jpeg", stream.getvalue())
+    return _data_uri("image/jpeg", stream.getvalue())

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import atomic_file
 from afl_mujoco.report import blocks
+from afl_mujoco.report.numbers import SUPERSCRIPTS
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"
@@ -77,7 +78,6 @@ _RC: Any = {
     "text.parse_math": False,  # a name is shown as it is
 }
 
-SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _BRACES = str.maketrans("", "", "{}")
 
 
@@ -92,7 +92,6 @@ class _Powers(LogFormatterSciNotation):
     """Powers of ten along an axis, as plain text: math is switched off where names are shown."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        """Return the label of a tick."""
         label = super().__call__(x, pos).strip("$").replace(r"\mathdefault", "")
         mantissa, _, power = label.replace(r"\times", " × ").partition("^")
         return (mantissa + power.translate(SUPERSCRIPTS)).translate(_BRACES)
@@ -102,7 +101,6 @@ class _Literal(Figure):
     """A figure that shows ``$`` in a name as it is, and powers of ten without math."""
 
     def draw(self, renderer: Any) -> None:
-        """Draw it."""
         self.label_powers()
         super().draw(renderer)
 
@@ -116,10 +114,7 @@ class _Literal(Figure):
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure that needs no display and shows names as they are.
-
-    width, height: Its size [in].
-    """
+    """Return an empty figure [in] that needs no display and shows names as they are."""
     layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06)  # [in]: vectors are wider than pixels
     figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout=layout)
     FigureCanvasAgg(figure)

@@ -19,15 +19,9 @@ from rich.text import Text
 from afl_mujoco.errors import printable
 from afl_mujoco.report.blocks import Block, Matrix, Report, Section
 
-WIDTH = 160
-"""Number of columns if there is no terminal with a width."""
-
-SHORT = 12
-"""Largest width of texts that are not broken into lines [cells]."""
-
-GAP = 3
-"""Gap between two columns of a table [cells]."""
-
+WIDTH = 160  # number of columns if there is no terminal with a width
+SHORT = 12  # largest width of texts that are not broken into lines [cells]
+GAP = 3  # gap between two columns of a table [cells]
 STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
 
 
@@ -62,7 +56,6 @@ def to_text(found: Sequence[Block]) -> str:
 
 
 def _print(found: Sequence[Block], console: Console) -> None:
-    """Print blocks one after another."""
     for block in found:
         if isinstance(block, str):
             if block.startswith("```"):  # a command, to be copied as it is
@@ -81,21 +74,18 @@ def _print(found: Sequence[Block], console: Console) -> None:
 
 
 def _text(text: str, style: str = "") -> Text:
-    """Return a text of one style."""
     return Text(printable(text), style=style)
 
 
 def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
-    """Yield a matrix in parts that fit a width, each with the columns that name the rows.
-
-    Numbers and words are not broken. A first cell that repeats the one above is left out.
-    """
+    """Yield a matrix in parts that fit a width; no number or word is broken."""
     rows = [[(printable(c.marked), STYLES.get(c.status, "")) for c in row] for row in matrix.cells]
     texts = [[head, *(row[k][0] for row in rows)] for k, head in enumerate(matrix.columns)]
     most = [max(map(cell_len, found)) for found in texts]
+    words = [[cell_len(word) for text in found for word in text.split()] for found in texts]
     least = [
-        full if number or full <= SHORT else max(map(_longest_word, found))
-        for number, found, full in zip(matrix.numbers, texts, most, strict=True)
+        full if number or full <= SHORT else max(some, default=0)
+        for number, some, full in zip(matrix.numbers, words, most, strict=True)
     ]
     firsts = [row[0][0] for row in rows]
     names = 2 if len(set(firsts)) < len(firsts) and len(most) > 2 else 1
@@ -114,11 +104,6 @@ def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
             above = row[0][0]
             shown.add_row(*cells)
         yield shown
-
-
-def _longest_word(text: str) -> int:
-    """Return the width of the longest word of a text [cells]."""
-    return max(map(cell_len, text.split()), default=0)
 
 
 def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:

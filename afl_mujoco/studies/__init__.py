@@ -1,1 +1,1 @@
-"""The studies, one folder each, found by `registry`; shared code is beside the folders."""
+"""The studies, one file each; what they share is in `shared`, what validates in `verify`."""

@@ -24,15 +24,21 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import ControllerNames, Progress, ScenarioName, Study, silent
-from afl_mujoco.studies.robustness import map_starts, require_runs
-from afl_mujoco.studies.run import Rows, Run
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import (
+    ControllerNames,
+    Progress,
+    ScenarioName,
+    Study,
+    silent,
+)
+from afl_mujoco.studies.shared.robustness import map_starts, require_runs
+from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.values import require_positive
 
-GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001
-"""Number of starts along each axis, and the most."""
+Floats = NDArray[np.float64]
 
+GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001  # number of starts along each axis, and the most
 WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",
          "controller fails")  # fmt: skip
 """How a run from a start ends; without requirements to pass is to survive."""
@@ -80,8 +86,8 @@ class Request(NamedTuple):
     scenario: Scenario
     controllers: Sequence[Controller]
     axes: tuple[str, str]
-    angles: NDArray[np.float64]
-    rates: NDArray[np.float64]
+    angles: Floats
+    rates: Floats
     deployed: Deployed = Deployed()
 
 
@@ -93,9 +99,16 @@ def prepare(options: Options) -> Request:
     scenario = find_scenario(o.scenario)
     count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
     require_count("grid", count, 2, MOST_GRID)
-    axes = _axes(o.axes, scenario)
-    reach = (_reach("max_angle", o.max_angle, axes[0], scenario),
-             _reach("max_rate", o.max_rate, axes[1], scenario))  # fmt: skip
+    states, last = scenario.plant.states, scenario.plant.coordinates[-1]
+    first, second = o.axes if len(o.axes) == 2 else (last, f"{last}_dot")
+    if len(o.axes) not in (0, 2) or first == second:
+        raise InvalidValueError("axes", "must be two states", " ".join(o.axes))
+    axes = first, second
+    for name in axes:
+        if name not in states:
+            raise UnknownNameError.among("axis", name, states)
+    reach = (_reach("max_angle", o.max_angle, first, scenario),
+             _reach("max_rate", o.max_rate, second, scenario))  # fmt: skip
     deployed = Deployed(o.integrator, o.timestep)
     controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
     require_runs(controllers, [scenario], deployed)
@@ -107,20 +120,8 @@ def prepare(options: Options) -> Request:
     return Request(scenario, controllers, axes, angles, rates, deployed)
 
 
-def _axes(given: Sequence[str], scenario: Scenario) -> tuple[str, str]:
-    """Return the two states that vary."""
-    states, last = scenario.plant.states, scenario.plant.coordinates[-1]
-    first, second = given if len(given) == 2 else (last, f"{last}_dot")
-    if len(given) not in (0, 2) or first == second:
-        raise InvalidValueError("axes", "must be two states", " ".join(given))
-    for name in (first, second):
-        if name not in states:
-            raise UnknownNameError.among("axis", name, states)
-    return first, second
-
-
 def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> float:
-    """Return how far a state goes from its target on an axis."""
+    """Return how far a state goes from its target."""
     units, rate = scenario.plant.units, name not in scenario.plant.coordinates
     if given is None and scenario.is_cart_pole and name.startswith("phi"):
         given = 10.0 if rate else 1.55
@@ -180,11 +181,7 @@ class Result:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Run every controller from every start; the result does not depend on the workers."""
     scenario, controllers, axes, angles, rates, deployed = request
@@ -201,15 +198,10 @@ def run(
 
             rows += map_starts(one, scenario, axes, (angles, rates), deployed, executor, advance)
     return Result(
-        scenario=scenario,
-        controllers=tuple(one.name for one in controllers),
-        integrator=deployed.integrator,
-        timestep=deployed.timestep,
-        axes=axes,
-        angles=angles,
-        rates=rates,
-        rows=tuple(rows),
-    )
+        scenario=scenario, controllers=tuple(one.name for one in controllers),
+        integrator=deployed.integrator, timestep=deployed.timestep,
+        axes=axes, angles=angles, rates=rates, rows=tuple(rows),
+    )  # fmt: skip
 
 
 def report(result: Result) -> Report:
@@ -249,7 +241,6 @@ def report(result: Result) -> Report:
 
 
 def _draw(result: Result) -> Any:
-    """Draw a panel for each controller."""
     from matplotlib.colors import to_rgba
     from matplotlib.patches import Patch
 
@@ -261,39 +252,30 @@ def _draw(result: Result) -> Any:
     figure = new_figure(1.0 + 3.4 * columns, 0.9 + 3.0 * rows)
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     colours = np.array([to_rgba(colour) for colour in COLOURS])
-    edges = [x for axis in (result.angles, result.rates) for x in _edges(axis)]
+    edges: list[float] = []  # the outer ones of the outermost points
+    for axis in (result.angles, result.rates):
+        half = 0.5 * float(axis[-1] - axis[0]) / (len(axis) - 1)
+        edges += [float(axis[0]) - half, float(axis[-1]) + half]
     own = dict(zip(result.scenario.plant.states, result.scenario.initial_state, strict=True))
     for axes, (name, kinds) in zip(panels.flat, maps.items(), strict=False):
         axes.grid(False)
         axes.imshow(
             colours[kinds], extent=edges, origin="lower", aspect="auto", interpolation="nearest"
         )
-        axes.plot(
-            *(own[key] for key in result.axes),
-            "X",
-            color="white",
-            markeredgecolor="black",
-            markersize=11,
-        )
+        start = [own[key] for key in result.axes]
+        axes.plot(*start, "X", color="white", markeredgecolor="black", markersize=11)
         axes.set_title(f"{name}: {percent(float((kinds == GOOD).mean()), 3)}")
         axes.set_xlim(edges[:2])
         axes.set_ylim(edges[2:])
     for axes in panels.flat[len(maps) :]:
         axes.set_axis_off()
-    units = result.scenario.plant.units
-    labels = [f"{symbol(name)} at the start [{units[name]}]" for name in result.axes]
-    figure.supxlabel(labels[0], fontsize=9)
-    figure.supylabel(labels[1], fontsize=9)
+    for label, name in zip((figure.supxlabel, figure.supylabel), result.axes, strict=True):
+        unit = result.scenario.plant.units[name]
+        label(f"{symbol(name)} at the start [{unit}]", fontsize=9)
     present = sorted({int(k) for kinds in maps.values() for k in np.unique(kinds)})
     handles = [Patch(facecolor=COLOURS[k], edgecolor="#707070", label=WORDS[k]) for k in present]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
-
-
-def _edges(axis: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the outer edges of the outermost points."""
-    half = 0.5 * float(axis[-1] - axis[0]) / (len(axis) - 1)
-    return float(axis[0]) - half, float(axis[-1]) + half
 
 
 STUDY = Study(module=__name__, name="attraction", title="Region of attraction", order=30, schema=5)

@@ -18,7 +18,7 @@ from afl_mujoco.plants.suspects import Search
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
 from afl_mujoco.report.markdown import plain
-from afl_mujoco.studies.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
 
 Floats = NDArray[np.float64]
 
@@ -34,25 +34,16 @@ ROUNDING = 30.0 * float(np.finfo(float).eps)
 RECOMPILED = 100
 """Random parameters at which a model written in place is compared with one compiled afresh."""
 
-SEARCHED = 16
-"""Points at which suspects are tried."""
-
+SEARCHED = 16  # points at which suspects are tried
 REACH = np.array([[np.pi, 5.0], [1.0, 2.0]])
 """Largest coordinate and rate that are drawn, of a hinge and of a slide, where nothing says."""
 
 BOTH = np.array([-1.0, 1.0])
 
-NARROW = 0.2
-"""Range of a hinge that is hardly meant in radians."""
-
-INPUT = 10.0
-"""Largest input that is drawn of one without a ctrlrange."""
-
-FEW = 200
-"""Points at which what takes finite differences is looked at."""
-
-HUGE = 1e300
-"""In place of what is not finite, which JSON has not."""
+NARROW = 0.2  # range of a hinge that is hardly meant in radians
+INPUT = 10.0  # largest input that is drawn of one without a ctrlrange
+FEW = 200  # points at which what takes finite differences is looked at
+HUGE = 1e300  # in place of what is not finite, which JSON has not
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -449,10 +440,7 @@ class Request:
         self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
 
     def work(self) -> tuple[float, float]:
-        """Return the work of terms quadratic and linear in rates that should not be, relative.
-
-        v h(q, v) is not zero: quadratic terms give 1/2 v M' v, linear ones what the damping takes.
-        """
+        """Return the work that terms quadratic and linear in rates should not do, relative."""
         few = Points(*(x[:FEW] for x in self.points))
         damping = np.array([tree.dof_damping for tree in self.trees[:FEW]])
 
@@ -488,11 +476,7 @@ class Request:
         )
 
     def ledger(self, engine: Point) -> float:
-        """Return the power that is not accounted for along MuJoCo's motion, relative.
-
-        The parameters are others at each point. No step of an integrator is in it: a motor or a
-        spring may be as stiff as it likes.
-        """
+        """Return MuJoCo's power that is not accounted for, relative; no integrator is in it."""
         trees, (q, v, u, _) = self.trees[:FEW], (x[:FEW] for x in self.points)
         m, h, b, a = (x[:FEW] for x in engine)
         damping = np.array([tree.dof_damping for tree in trees])
@@ -521,7 +505,6 @@ class Request:
 
 
 def _ids(letter: str) -> dict[str, str]:
-    """Return the rows of all terms: the accelerations have the first."""
     return {term: f"{letter}{i}" for term, i in zip(WORDS, (2, 3, 4, 1), strict=True)}
 
 
@@ -530,7 +513,6 @@ def _place(worst: Worst) -> str:
 
 
 def _fields(found: Mapping[str, int]) -> str:
-    """Return the fields that differ, in brackets."""
     return f" ({', '.join(list(found)[:4])})" if found else ""
 
 
@@ -546,13 +528,10 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 
 
 def _difference(one: Floats, other: Floats, floor: Floats | float = 0.0) -> Floats:
-    """Return absolute differences as shares of the largest component of each point.
-
-    floor: The least size of a component, (N,): what should be zero is rounding, and no share of it.
-    """
+    """Return differences as shares of each point's largest component, or of `floor` (N,)."""
     axes = tuple(range(1, one.ndim))
-    size = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
-    size = np.maximum(size, floor)
+    largest = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
+    size = np.maximum(largest, floor)
     gap = np.abs(one - other) / np.where(size > 0.0, size, 1.0).reshape(-1, *(1 for _ in axes))
     return np.where(np.isnan(gap), np.inf, gap)
 

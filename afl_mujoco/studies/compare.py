@@ -27,19 +27,19 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
-from afl_mujoco.simulation.trajectory import Layout, Trajectory, controller_inputs
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import (
+from afl_mujoco.simulation.trajectory import Layout, controller_inputs
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Progress,
     ScenarioNames,
     Study,
     counted,
     silent,
-)
-from afl_mujoco.studies.robustness import require_runs
-from afl_mujoco.studies.run import Rows, Run, numbered, run_kept
-from afl_mujoco.studies.tables import (
+)  # fmt: skip
+from afl_mujoco.studies.shared.robustness import require_runs
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_kept
+from afl_mujoco.studies.shared.tables import (
     ENDINGS,
     as_file,
     grouped,
@@ -177,7 +177,6 @@ class Result:
     film: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise if the parts contradict each other."""
         names = {scenario.name for scenario in self.scenarios}
         if not self.rows or {run.scenario for run in self.rows} != names:
             raise ValueError("rows must be runs of the scenarios")
@@ -206,25 +205,20 @@ class Result:
         """Each run judged by each requirement, one row each, ready for pandas."""
         known = {scenario.name: asked_of(scenario.plant) for scenario in self.scenarios}
         return [
-            {
-                "scenario": run.scenario,
-                "controller": run.controller,
-                "draw": run.draw,
-                **asdict(one),
-                "unit": known[run.scenario][one.requirement].unit,
-                "met": one.met,
-            }
+            {"scenario": run.scenario, "controller": run.controller, "draw": run.draw}
+            | asdict(one)
+            | {"unit": known[run.scenario][one.requirement].unit, "met": one.met}
             for run in self.rows
             for one in run.requirements
         ]
 
     def plot(self, scenario: str | None = None) -> Any:
         """Draw the runs of a scenario, the first by default; return the matplotlib figure."""
-        by_name = {one.name: one for one in self.scenarios}
-        name = next(iter(by_name)) if scenario is None else scenario
-        if name not in by_name:
-            raise UnknownNameError.among("scenario", name, by_name)
-        return draw_responses(by_name[name], self.curves_on(by_name[name]))
+        known = {one.name: one for one in self.scenarios}
+        if scenario is not None and scenario not in known:
+            raise UnknownNameError.among("scenario", scenario, known)
+        shown = self.scenarios[0] if scenario is None else known[scenario]
+        return draw_responses(shown, self.curves_on(shown))
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""
@@ -246,13 +240,15 @@ class Result:
     def _told(self) -> list[Block]:
         return [block for one in self.scenarios for block in _answer(self, one)]
 
-    def draws_of(self, scenario: Scenario) -> dict[str, list[tuple[Run, Figures]]]:
-        """Return the draws of each controller on a scenario, each with all its figures."""
-        found: dict[str, list[tuple[Run, Figures]]] = {}
+    def draws_of(self, scenario: Scenario) -> tuple[dict[str, list[Run]], dict[str, list[Figures]]]:
+        """Return the draws of each controller on a scenario, and all their figures."""
+        draws: dict[str, list[Run]] = {}
+        found: dict[str, list[Figures]] = {}
         for run, figures in zip(self.rows, self.metrics, strict=True):
             if run.scenario == scenario.name:
-                found.setdefault(run.controller, []).append((run, figures))
-        return found
+                draws.setdefault(run.controller, []).append(run)
+                found.setdefault(run.controller, []).append(figures)
+        return draws, found
 
     def curves_on(self, scenario: Scenario) -> dict[str, Curves]:
         """Return the curves of a scenario by controller."""
@@ -330,29 +326,21 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         drawn = draws_of(scenario, draws)
         runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
         rows += numbered(runs)
-        figures += [_figures(*one, controller) for one in zip(drawn, kept, strict=True)]
+        figures += [{} if run is None else metrics(one, controller, run)
+                    for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
-            remarks[key] = tuple(remarks_on(first, scenario, controller))
+            if said := tuple(remarks_on(first, scenario, controller)):
+                remarks[key] = said
             curves[key] = Curves(
                 time=first.time, state=first.state, force=first.input, command=first.command,
                 signals=dict(first.signals),
             )  # fmt: skip
         advance(controller.name)
     return Result(
-        scenarios=tuple(scenarios),
-        rows=tuple(rows),
-        metrics=tuple(figures),
-        remarks={key: said for key, said in remarks.items() if said},
-        curves=curves,
-        film=film,
-        **asdict(deployed),
-    )
-
-
-def _figures(scenario: Scenario, run: Trajectory | None, controller: Controller) -> Figures:
-    """Return all figures of a run, none if its controller failed."""
-    return {} if run is None else metrics(scenario, controller, run)
+        scenarios=tuple(scenarios), rows=tuple(rows), metrics=tuple(figures), remarks=remarks,
+        curves=curves, film=film, **asdict(deployed),
+    )  # fmt: skip
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -366,25 +354,17 @@ def report(result: Result) -> Report:
         (f"{scenario}: " if several else "") + f"{controller} {_score(draws)}"
         for (scenario, controller), draws in cases.items()
     ]
-    blocks: list[Block] = []
-    for number, scenario in enumerate(result.scenarios, 1):
-        blocks += _shown(result, number, scenario)
     names = dict.fromkeys(controller for _, controller in cases)
+    passing = len(names) - len({run.controller for run in result.rows if run.missed})
     on = ", ".join(scenario.name for scenario in result.scenarios)
+    each = enumerate(result.scenarios, 1)
     return Report(
         title=f"{on}: {', '.join(names)}",
         headline=" · ".join(said),
         passed=result.passed,
-        verdict=_verdict(result, list(names)),
-        blocks=blocks,
+        verdict=f"{passing} OF {len(names)} PASS" if 0 < passing < len(names) else "",
+        blocks=[block for number, one in each for block in _shown(result, number, one)],
     )
-
-
-def _verdict(result: Result, names: Sequence[str]) -> str:
-    """Return how many controllers pass everything, where some do and some do not."""
-    failing = {run.controller for run in result.rows if run.missed}
-    passing = len(names) - len(failing)
-    return f"{passing} OF {len(names)} PASS" if failing and passing else ""
 
 
 def _score(draws: Sequence[Run]) -> str:
@@ -399,28 +379,20 @@ def _score(draws: Sequence[Run]) -> str:
 
 
 def _answer(result: Result, scenario: Scenario) -> list[Block]:
-    """Return requirements by controllers, what each run needs, remarks, and how one failed."""
-    draws = result.draws_of(scenario)
+    draws, figures = result.draws_of(scenario)
     lines = []
-    for name, ((first, _), *_) in draws.items():
+    for name, (first, *_) in draws.items():
         said = result.remarks.get(f"{scenario.name}/{name}", ())
         lines += [f"{name}: {remark}" for remark in said]
         lines += [f"{name} {first.ending}"] if first.message else []
-    return [
-        requirements_matrix(
-            scenario,
-            {name: [run for run, _ in some] for name, some in draws.items()},
-            {name: [figures for _, figures in some] for name, some in draws.items()},
-        ),
-        *(["\n".join(f"- {plain(line)}" for line in lines)] if lines else []),
-    ]
+    told = ["\n".join(f"- {plain(line)}" for line in lines)] if lines else []
+    return [requirements_matrix(scenario, draws, figures), *told]
 
 
 def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
-    """Return what is shown of a scenario."""
-    draws, blocks = result.draws_of(scenario), _answer(result, scenario)
+    (draws, figures), blocks = result.draws_of(scenario), _answer(result, scenario)
     if curves := result.curves_on(scenario):
-        endings = {name: some[0][0].ending for name, some in draws.items()}
+        endings = {name: some[0].ending for name, some in draws.items()}
         moving = {name: (one.time, one.state) for name, one in curves.items()}
         blocks += [
             replay(f"compare-{number}", scenario, moving, endings),
@@ -432,7 +404,6 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
                 draw=partial(draw_responses, scenario, curves),
             ),
         ]
-    figures = {name: [found for _, found in some] for name, some in draws.items()}
     shown = in_order(name for some in figures.values() for found in some for name in found)
     return [
         *blocks,
@@ -456,15 +427,11 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
             **more,
         )
 
-    panels = [
-        panel(
-            name,
-            {one: run.state[:, k] for one, run in runs.items()},
-            about=scenario.target[k],
-            band=scenario.band(name) if rests else None,
-        )
-        for k, name in enumerate(plant.coordinates)
-    ]
+    panels = []
+    for k, name in enumerate(plant.coordinates):
+        states = {one: run.state[:, k] for one, run in runs.items()}
+        band = scenario.band(name) if rests else None
+        panels.append(panel(name, states, about=scenario.target[k], band=band))
     for k, name in enumerate(plant.inputs):
         force = {one: run.of(k, run.force) for one, run in runs.items()}
         pale = {one: (run.time, command) for one, run in runs.items()
@@ -490,7 +457,6 @@ _WORDS = {"z": "cart position z", "phi": "pole angle φ", "force": "force F",
 
 
 def _label(name: str, plant: Plant) -> str:
-    """Return the label of a quantity."""
     words = _WORDS.get(name, name) if plant is CART_POLE else name
     return labelled(words, plant.units.get(name, ""))
 
@@ -504,13 +470,12 @@ def films(result: Result, command: str) -> list[Film]:
 
     controllers = [find_controller(name) for name in result.film]
     deployment = Deployed(result.integrator, result.timestep, result.control_period)
-    found = []
+    films = []
     for scenario in result.scenarios:
         there = result.curves_on(scenario)  # the others failed
-        shown = [controller for controller in controllers if controller.name in there]
-        if shown:
-            found.append(side_by_side(scenario, shown, deployment, command=command))
-    return found
+        if shown := [controller for controller in controllers if controller.name in there]:
+            films.append(side_by_side(scenario, shown, deployment, command=command))
+    return films
 
 
 STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=3)

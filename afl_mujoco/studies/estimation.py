@@ -20,9 +20,9 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, compute, silent
-from afl_mujoco.studies.run import run_kept
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
+from afl_mujoco.studies.shared.run import run_kept
 from afl_mujoco.values import require_distinct
 
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
@@ -98,6 +98,8 @@ def prepare(options: Options) -> Request:
 
 # --- what is found ------------------------------------------------------------------------------
 
+Curves = dict[str, dict[str, tuple[Array, Array]]]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
@@ -119,7 +121,7 @@ class Case:
     loops: tuple[Loop, ...]
     # by quantity, what is true and what is estimated up to `UNTIL`: instants [s] and values. Those
     # estimated are of the first seed, the true angle is of the loop without noise
-    curves: dict[str, dict[str, tuple[Array, Array]]]
+    curves: Curves
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -171,24 +173,15 @@ def run_case(unit: Request) -> Case:
         (time <= UNTIL).nonzero()[0][::EVERY] for time in (found.time, first.time, oracle.time)
     )
     time = found.time[part]
-    return Case(
-        scenario=scenario.name,
-        loops=tuple(loops),
-        curves={
-            "cart mass M [kg]": {
-                TRUE: (time, scenario.cart_mass(time)),
-                ESTIMATED: (time, found.cart_mass[part]),
-            },
-            "half-length l [m]": {
-                TRUE: (time, scenario.half_length(time)),
-                ESTIMATED: (time, found.half_length[part]),
-            },
-            "pole angle φ [rad]": {
-                TRUE: (oracle.time[its], oracle.state[its, 1]),
-                ESTIMATED: (first.time[mine], first.state[mine, 1]),
-            },
-        },
-    )
+    pairs = {
+        "cart mass M [kg]": ((time, scenario.cart_mass(time)), (time, found.cart_mass[part])),
+        "half-length l [m]": ((time, scenario.half_length(time)), (time, found.half_length[part])),
+        "pole angle φ [rad]": (
+            (oracle.time[its], oracle.state[its, 1]), (first.time[mine], first.state[mine, 1])
+        ),
+    }  # fmt: skip
+    curves = {label: {TRUE: a, ESTIMATED: b} for label, (a, b) in pairs.items()}
+    return Case(scenario=scenario.name, loops=tuple(loops), curves=curves)
 
 
 @cache
@@ -202,7 +195,6 @@ def _scales() -> Any:
 def _loop(
     parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory | None]
 ) -> Loop:
-    """Return the cost of one loop over its runs."""
     from afl_mujoco.simulation.scoring import with_objective
 
     there = [run for run in runs if run is not None]
@@ -225,13 +217,11 @@ def _loop(
 def report(result: Result) -> Report:
     """Return what is shown of estimation."""
     cases = result.cases
-    noisy = [_find(case, ESTIMATED, noise=True) for case in cases]
-    exact = [_find(case, TRUE, noise=False).metrics["iae_phi"] for case in cases]
-    ratios = [
-        mine / true
-        for loop, true in zip(noisy, exact, strict=True)
-        if (mine := loop.metrics["iae_phi"]) is not None and true is not None
-    ]
+    loops = [{(loop.parameters, loop.noise): loop for loop in case.loops} for case in cases]
+    noisy = [one[ESTIMATED, True] for one in loops]
+    pairs = [(one[ESTIMATED, True].metrics["iae_phi"], one[TRUE, False].metrics["iae_phi"])
+             for one in loops]  # fmt: skip
+    ratios = [mine / true for mine, true in pairs if mine is not None and true is not None]
     headline = (
         f"{result.controller} with estimated M and l completes "
         f"{sum(loop.completed for loop in noisy)} of {sum(loop.runs for loop in noisy)} noisy runs"
@@ -250,11 +240,6 @@ def report(result: Result) -> Report:
     return Report(headline=headline, blocks=[figure, _loops(result)])
 
 
-def _find(case: Case, parameters: str, *, noise: bool) -> Loop:
-    wanted = parameters, noise
-    return next(loop for loop in case.loops if (loop.parameters, loop.noise) == wanted)
-
-
 def _loops(result: Result) -> Matrix:
     return Matrix(
         caption="Cost of the loop by the M and l that are assumed: medians, and the largest force "
@@ -265,16 +250,11 @@ def _loops(result: Result) -> Matrix:
         ],
         rows=[
             [
-                case.scenario,
-                loop.parameters + (", noise" if loop.noise else ""),
-                Cell(
-                    f"{loop.completed} of {loop.runs}",
-                    "bad" if loop.completed < loop.runs else "",
-                ),
-                fixed(loop.metrics["iae_z"], 2),
-                fixed(loop.metrics["iae_phi"], 3),
-                fixed(loop.metrics["max_force"], 1),
-                fixed(loop.largest_force, 1),
+                case.scenario, loop.parameters + ", noise" * loop.noise,
+                Cell(f"{loop.completed} of {loop.runs}",
+                     "bad" if loop.completed < loop.runs else ""),
+                fixed(loop.metrics["iae_z"], 2), fixed(loop.metrics["iae_phi"], 3),
+                fixed(loop.metrics["max_force"], 1), fixed(loop.largest_force, 1),
             ]
             for case in result.cases
             for loop in case.loops
@@ -282,8 +262,7 @@ def _loops(result: Result) -> Matrix:
     )  # fmt: skip
 
 
-def _draw(made: dict[str, dict[str, tuple[Array, Array]]]) -> Any:
-    """Draw M, l and the pole angle, true and estimated."""
+def _draw(made: Curves) -> Any:
     from afl_mujoco.report.figures import Panel, curves
 
     ends = [float(time[-1]) for pair in made.values() for time, _ in pair.values()]

@@ -27,10 +27,10 @@ from afl_mujoco.report.numbers import listed, percent, short
 from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import Shown, draw_shown, shown_of
-from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.identified_parts import Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.run import run_all
 
 MOST_DRAWS = 100_000
 
@@ -109,7 +109,7 @@ class Term:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Judged:
+class Statement:
     """A statement of the protocol, judged."""
 
     id: str
@@ -122,16 +122,11 @@ class Judged:
     suspected: str = ""  # cause of a statement that does not hold, or why it is not decided
 
     @property
-    def holds(self) -> bool:
-        """Whether the statement holds; one that is not decided neither holds nor fails."""
+    def holds(self) -> bool | None:
+        """Whether the statement holds; None if that is not decided."""
         if self.value is None:
-            return False
-        return self.value >= self.limit if self.at_least else self.value <= self.limit
-
-    @property
-    def fails(self) -> bool:
-        """Whether the recordings show that the statement does not hold."""
-        return self.value is not None and not self.holds
+            return None
+        return bool(self.value >= self.limit if self.at_least else self.value <= self.limit)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,7 +152,7 @@ class Result:
     whole: tuple[Errors, ...]
     pole: tuple[Errors, ...]  # of the pole alone, given the motion of the cart
     baselines: dict[str, tuple[Errors, ...]]  # of other models, given the command, by name
-    statements: tuple[Judged, ...]  # of the protocol
+    statements: tuple[Statement, ...]  # of the protocol
     band: Array  # horizons [s], and the rms errors of z [m] and phi [rad] after them, shape (3, H)
     recorded: Shown  # a recording beside its predictions
     # what controllers would do on that cart-pole; empty if nothing was drawn, or the estimates are
@@ -167,8 +162,8 @@ class Result:
     @property
     def passed(self) -> bool:
         """Whether every statement that could be decided holds, and one could be."""
-        found = self.statements
-        return any(one.holds for one in found) and not any(one.fails for one in found)
+        found = {one.holds for one in self.statements}
+        return True in found and False not in found
 
 
 # --- the recordings and the model ---------------------------------------------------------------
@@ -246,15 +241,15 @@ def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
     from afl_mujoco.identification.identify import identify_pole, windows_of
 
     found, _ = identify_pole(windows_of(logs), identified.description)
-    expected = {"gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0}
-    called = {"gravity_term": "gravity"} | {n: n for n in ("coupling", "damping", "friction")}
+    expected = {"gravity": identified.description.nominal.gravity_term, "coupling": 1.0}
+    named = {name.removesuffix("_term"): one for name, one in found.estimates.items()}
     return {
-        called[name]: Term(
+        name: Term(
             value=one.value, low=one.low, high=one.high, expected=expected.get(name),
             unit=one.unit, title=one.title,
         )
-        for name, one in found.estimates.items()
-        if name in called
+        for name, one in named.items()
+        if name in ("gravity", "coupling", "damping", "friction")
     }  # fmt: skip
 
 
@@ -283,15 +278,13 @@ def _judge(
     terms: Mapping[str, Term],
     pole: Sequence[Errors],
     held_out: Sequence[Errors],
-) -> tuple[Judged, ...]:
+) -> tuple[Statement, ...]:
     (driven,) = (one for one in pole if one.horizon == 0.2)
     (whole,) = (one for one in held_out if one.horizon == 0.5)
     why = ""
     if identified.description.phi.dead_zone is not None and driven.clear_phi is not None:
-        why = (
-            "readings missing before the start, across the dead zone: without such starts it is "
-            f"{short(driven.clear_phi, 3)}"
-        )
+        why = "readings missing before the start, across the dead zone: without such starts it is "
+        why += short(driven.clear_phi, 3)
     late = "commands that arrive late, or a drive that is not linear"
     off = {name: _off(terms[name]) for name in ("gravity", "coupling")}
     measured: dict[str, tuple[float | None, float, bool, str]] = {
@@ -301,17 +294,20 @@ def _judge(
         "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
         "rig-0.5-z": (whole.explained_z, 0.0, True, late),
     }
-    judged = []
+    judged, own, reason = (
+        [],
+        identified.description.limits,
+        "as the description of the cart-pole says",
+    )
     for one in protocol()["statements"]:
-        if one["id"] in (own := identified.description.limits):
-            reason = "as the description of the cart-pole says"
+        if one["id"] in own:
             one = {**one, "limit": own[one["id"]], "reason": reason}
         value, width, at_least, suspected = measured[one["id"]]
         if value is None:
             suspected = "not decided: these recordings never get there, or have no known resolution"
         elif width > one["limit"]:
             value, suspected = None, "not decided: the interval is wider than the limit"
-        found = Judged(**one, value=value, at_least=at_least)
+        found = Statement(**one, value=value, at_least=at_least)
         judged.append(found if found.holds else replace(found, suspected=suspected))
     return tuple(judged)
 
@@ -336,24 +332,21 @@ STEP = 1e-3  # control period of a cart-pole that has none [s]
 
 def changes(scenario: Scenario) -> dict[str, Scenario]:
     """Return a cart-pole as it is, and with its limits relaxed, by the name of the change."""
-    r = scenario.imperfections
-    rail = scenario.rail
+    r, rail = scenario.imperfections, scenario.rail
     longer = {} if rail is None else {"end_stops.z": 4.0 * rail}
     stronger = {} if r.input_limit is None else {"input_limit": 4.0 * r.input_limit}
-    exact = {"encoder_step": {}, "differentiated": False}
     undamped = {"damping.z": 0.0}
+    faster = {"control_period": 0.1 * (r.control_period or STEP), "delay": 0.0}
     found: dict[str, dict[str, Any]] = {
         AS_IT_IS: {},
         "rail x4": longer,
         "force x4": stronger,
         "rail and force x4": {**longer, **stronger},
-        "ten times the control rate, no delay": {
-            "control_period": 0.1 * (r.control_period or STEP), "delay": 0.0,
-        },
-        "exact sensors": exact,
+        "ten times the control rate, no delay": faster,
+        "exact sensors": {"encoder_step": {}, "differentiated": False},
         "drive makes up for rail damping": undamped,
         "drive makes up for rail damping, rail and force x4": {**undamped, **longer, **stronger},
-    }  # fmt: skip
+    }
     return {
         name: replace(scenario, imperfections=r.changed(changed), requirements=NONE)
         for name, changed in found.items()
@@ -378,18 +371,14 @@ def outlook(
 
         angles = {}
         for name, changed in base.items():
-            starts = [
-                replace(changed, initial_state=(0.0, sign * math.radians(angle), 0.0, 0.0))
-                for angle in ANGLES
-                for sign in (-1.0, 1.0)
-            ]
+            tilts = [sign * math.radians(angle) for angle in ANGLES for sign in (-1.0, 1.0)]
+            starts = [replace(changed, initial_state=(0.0, phi, 0.0, 0.0)) for phi in tilts]
             held = np.array(passes(starts)).reshape(-1, 2).all(axis=1)
             smaller = int(np.argmin(np.append(held, False)))  # that are survived, one and all
             angles[name] = math.radians(ANGLES[smaller - 1]) if smaller else 0.0
+        survived = sum(passes(drawn))
         found.append(
-            Survival(
-                controller=controller.name, angles=angles, runs=count, survived=sum(passes(drawn))
-            )
+            Survival(controller=controller.name, angles=angles, runs=count, survived=survived)
         )
     return tuple(found)
 
@@ -399,67 +388,49 @@ def outlook(
 
 def report(result: Result) -> Report:
     """Return what is shown of a validation."""
-    missed = [one.id for one in result.statements if one.fails]
-    undecided = [one.id for one in result.statements if one.value is None]
-    held = sum(one.holds for one in result.statements)
+    by = {how: [x.id for x in result.statements if x.holds is how] for how in (True, False, None)}
     recordings = f"{len(result.logs)} recording{'s' * (len(result.logs) > 1)}"
-    headline = f"{held} of {len(result.statements)} statements hold on {recordings}"
-    headline += f" · not: {', '.join(missed)}" if missed else ""
-    headline += f" · not decided: {', '.join(undecided)}" if undecided else ""
+    headline = f"{len(by[True])} of {len(result.statements)} statements hold on {recordings}"
+    headline += f" · not: {', '.join(by[False])}" if by[False] else ""
+    headline += f" · not decided: {', '.join(by[None])}" if by[None] else ""
     blocks: list[Block] = [_statements(result)]
     if result.fitted:
-        blocks.append(
-            plain(
-                f"No proof, if they are the same recordings: {listed(result.fitted, 'and')} have "
-                "names of recordings that the estimates were fitted to."
-            )
-        )
-    blocks.append(
-        Figure(
-            name="hardware-recording",
-            title=f"{result.recorded.name}, measured and predicted",
-            caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
-            "recorded command, for half a second from each fitted state. Bands: twice the rms "
-            "error of all recordings after that time.",
-            draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
-        )
+        told = f"No proof, if they are the same recordings: {listed(result.fitted, 'and')} have "
+        blocks.append(plain(f"{told}names of recordings that the estimates were fitted to."))
+    figure = Figure(
+        name="hardware-recording",
+        title=f"{result.recorded.name}, measured and predicted",
+        caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
+        "recorded command, for half a second from each fitted state. Bands: twice the rms error "
+        "of all recordings after that time.",
+        draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
     )
-    if result.survival:
-        blocks.append(_outlook(result.survival))
+    blocks += [figure, *([_outlook(result.survival)] if result.survival else [])]
     return Report(headline=headline, passed=result.passed, blocks=blocks)
 
 
+VERDICTS = {
+    True: Cell("holds", "good"),
+    False: Cell("fails", "bad"),
+    None: Cell("not decided", "open"),
+}
+
+
 def _statements(result: Result) -> Matrix:
-    """Return the statements with their verdicts, and why one does not hold."""
-
-    def shown(one: Judged, value: float | None) -> str:
-        share = "share" in one.measure or "relative" in one.measure
-        return percent(value, 3) if share else short(value, 3)
-
-    def verdict(one: Judged) -> Cell:
-        if one.value is None:
-            return Cell("not decided", "open")
-        return Cell("holds", "good") if one.holds else Cell("fails", "bad")
-
+    rows: list[list[Cell | str]] = []
+    for one in result.statements:
+        shares = "share" in one.measure or "relative" in one.measure
+        value, limit = ((percent if shares else short)(x, 3) for x in (one.value, one.limit))
+        limit = f"{'≥' if one.at_least else '≤'} {limit}"
+        rows.append([one.id, value, limit, VERDICTS[one.holds], one.statement, one.suspected])
     return Matrix(
         caption="Statements of the protocol",
         columns=["Statement", "Measured", "Limit", "Verdict", "What it says", "Suspected"],
-        rows=[
-            [
-                one.id,
-                shown(one, one.value),
-                f"{'≥' if one.at_least else '≤'} {shown(one, one.limit)}",
-                verdict(one),
-                one.statement,
-                one.suspected,
-            ]
-            for one in result.statements
-        ],
+        rows=rows,
     )
 
 
 def _outlook(found: Sequence[Survival]) -> Matrix:
-    """Return what controllers would do on that cart-pole."""
     rows = [
         [what, *(f"{math.degrees(one.angles[what]):.0f}°" for one in found)]
         for what in found[0].angles

@@ -18,13 +18,8 @@ from afl_mujoco.identification.least_squares import FEW_CLUSTERS
 from afl_mujoco.identification.log import Log
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
 from afl_mujoco.report.numbers import percent, short
-from afl_mujoco.studies.contract import Progress, Study, silent
-from afl_mujoco.studies.identified_parts import (
-    AHEAD,
-    Shown,
-    draw_shown,
-    shown_of,
-)
+from afl_mujoco.studies.shared.contract import Progress, Study, silent
+from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_shown, shown_of
 
 ESTIMATES, SCENARIO = "estimates.json", "identified.toml"
 
@@ -73,12 +68,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     """Identify the cart-pole."""
     from afl_mujoco.identification.identify import identify
 
-    identified = identify(
-        request.logs,
-        request.description,
-        workers=workers,
-        progress=partial(progress, "identifying"),
-    )
+    told = partial(progress, "identifying")
+    identified = identify(request.logs, request.description, workers=workers, progress=told)
     longest = max(request.logs, key=lambda one: one.duration)
     return Result(identified=identified, shown=beside(identified, longest))
 
@@ -113,15 +104,14 @@ def report(result: Result) -> Report:
     )
     blocks: list[Block] = []
     if result.shown is not None:
-        blocks.append(
-            Figure(
-                name="identify-log",
-                title=f"{result.shown.name}, measured and simulated",
-                caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a "
-                "state that was fitted to the half second before it.",
-                draw=partial(draw_shown, result.shown),
-            )
+        figure = Figure(
+            name="identify-log",
+            title=f"{result.shown.name}, measured and simulated",
+            caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state "
+            "that was fitted to the half second before it.",
+            draw=partial(draw_shown, result.shown),
         )
+        blocks.append(figure)
     blocks.append(_estimates(one))
     if one.drive is None:
         blocks.append("The command is constant in every log: cart and drive cannot be identified.")
@@ -129,7 +119,6 @@ def report(result: Result) -> Report:
 
 
 def _estimates(one: Identified) -> Matrix:
-    """Return estimates and what they come to, beside the values that the owners give."""
     n = one.description.nominal
     given = {
         "half_length": n.half_length, "cart_mass": n.cart_mass, "force": n.force,
@@ -142,17 +131,12 @@ def _estimates(one: Identified) -> Matrix:
         f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
         columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
         rows=[
-            [
-                x.title,
-                x.unit,
-                short(given.get(x.name)),
-                short(x.value),
-                "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}",
-            ]
+            [x.title, x.unit, short(given.get(x.name)), short(x.value),
+             "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}"]
             for x in (*found, *one.physical)
             if not x.name.startswith(("sin_", "cos_"))  # harmonics of the linearity
         ],
-    )
+    )  # fmt: skip
 
 
 def require_files(folder: Path) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
@@ -28,9 +28,8 @@ from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, Trajectory
-from afl_mujoco.studies.bisection import find_threshold, scan_levels
-from afl_mujoco.studies.contract import Progress, ScenarioIfAny, Study, compute, silent
-from afl_mujoco.studies.loop_margins import (
+from afl_mujoco.studies.shared.contract import Progress, ScenarioIfAny, Study, compute, silent
+from afl_mujoco.studies.shared.loop_margins import (
     LINEAR,
     STEP,
     Margins,
@@ -40,7 +39,8 @@ from afl_mujoco.studies.loop_margins import (
     loop_margins,
     require_rest,
 )
-from afl_mujoco.studies.tables import later
+from afl_mujoco.studies.shared.search import find_threshold, scan_levels
+from afl_mujoco.studies.shared.tables import heat
 from afl_mujoco.values import require_positive
 
 if TYPE_CHECKING:
@@ -101,8 +101,7 @@ class Point(NamedTuple):
     @property
     def linear(self) -> Point:
         """The same with what a linear loop can have, and the controller designed for the plant."""
-        own = bound(self.controller, self.scenario)  # by the limits of the inputs, too
-        r = self.scenario.imperfections
+        own, r = bound(self.controller, self.scenario), self.scenario.imperfections
         linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
         return self._replace(controller=own, scenario=replace(self.scenario, imperfections=linear))
 
@@ -122,11 +121,6 @@ class Request(NamedTuple):
         """The values of the parameters that vary, of each plant."""
         return list(itertools.product(*self.axes.values()))
 
-    def points(self, controller: Controller) -> Iterator[Point]:
-        """Return a controller on each plant."""
-        for plant in self.plants:
-            yield self.point(controller, plant)
-
     def point(self, controller: Controller, plant: Iterable[float]) -> Point:
         """Return a controller on a plant."""
         s, asked = self.scenario, self.scenario.requirements
@@ -141,10 +135,7 @@ class Request(NamedTuple):
         return Point(controller, here, self.period, self.timestep)
 
     def require(self) -> Request:
-        """Return it, or raise before anything slow.
-
-        One controller at least must be linearised, or have small motions, on the first plant.
-        """
+        """Raise unless one controller has slopes, or small motions, on the first plant."""
         if require_positive("control_period", self.period) > LONGEST_PERIOD:
             rule = f"must be at most {LONGEST_PERIOD:g} s"
             raise InvalidValueError("control_period", rule, f"{self.period:g}")
@@ -171,11 +162,8 @@ def prepare(options: Options) -> Request:
     levels = o.levels if o.levels is not None else QUICK_LEVELS if o.quick else LEVELS
     require_count("levels", levels, 2, MOST_PLANTS)
     spans = {**scenario.spans, **scenario.ranges.varied}
-    axes = {
-        name: tuple(np.linspace(*spans[name], levels).tolist())
-        for name in scenario.plant.parameters
-        if spans[name][0] < spans[name][1]
-    }
+    varied = [name for name in scenario.plant.parameters if spans[name][0] < spans[name][1]]
+    axes = {name: tuple(np.linspace(*spans[name], levels).tolist()) for name in varied}
     if (count := levels ** len(axes)) > MOST_PLANTS:
         rule = f"must make at most {MOST_PLANTS} plants of {', '.join(axes)}"
         raise InvalidValueError("levels", rule, f"{levels}, which makes {count}")
@@ -187,25 +175,17 @@ def prepare(options: Options) -> Request:
     return request._replace(measured=measured)
 
 
+_ENDS = {"cart_mass": CART_MASSES, "half_length": HALF_LENGTHS}
 PAPER = Scenario(
     name="the paper's cart-poles",
-    ranges=Ranges(
-        varied={
-            "cart_mass": (CART_MASSES[0], CART_MASSES[-1]),
-            "half_length": (HALF_LENGTHS[0], HALF_LENGTHS[-1]),
-        }
-    ),
+    ranges=Ranges(varied={name: (some[0], some[-1]) for name, some in _ENDS.items()}),
 )
 
 
 def measured_plants(
     axes: Mapping[str, tuple[float, ...]], *, few: bool = False
 ) -> list[tuple[float, ...]]:
-    """Return the plants of a grid that are measured.
-
-    Of two parameters they are the least and the largest of the first, each with the least, a middle
-    and the largest of the second; else, or if ``few``, all at their least and all at their largest.
-    """
+    """Return both ends of a grid; of two parameters, unless `few`, corners and two middles."""
     ends = [(values[0], values[-1]) for values in axes.values()]
     if few or len(axes) != 2:
         return list(dict.fromkeys(zip(*ends, strict=True))) if axes else [()]
@@ -220,12 +200,7 @@ def measured_plants(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What one loop on one plant tolerates at one input, one change at a time.
-
-    A margin is None where no change destabilises the loop, and where it was not looked for: of a
-    small motion there are gains and delay only, of a linear loop's the delay. A measured delay is 0
-    below the first of `DELAYS`, and None beyond the last.
-    """
+    """What a loop tolerates at one input; a delay is 0 below `DELAYS`, None beyond or unsought."""
 
     controller: str
     loop: str  # `CONTINUOUS`, `HELD` or `MEASURED`
@@ -267,11 +242,8 @@ class Result:
 
     def of(self, controller: str, loop: str, name: str | None = None) -> list[Row]:
         """Return the rows of one loop of a controller, of one input or of all."""
-        return [
-            row
-            for row in self.rows
-            if (row.controller, row.loop) == (controller, loop) and name in (None, row.input)
-        ]
+        rows = [x for x in self.rows if (x.controller, x.loop) == (controller, loop)]
+        return [row for row in rows if name in (None, row.input)]
 
     def worst(self, controller: str, loop: str, metric: str, name: str | None = None) -> Row | None:
         """Return the row with the worst value of a margin where the loop is stable, if any."""
@@ -296,7 +268,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     r, s = request, request.scenario
     reasons = {one.name: why_not_linear(one) for one in r.controllers}
     not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
-    points = [p for one in r.controllers if one.name not in not_linear for p in r.points(one)]
+    linear = [one for one in r.controllers if one.name not in not_linear]
+    points = [r.point(one, plant) for one in linear for plant in r.plants]
     rows: list[Row] = []
     found = compute(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
     for point, some in zip(points, found, strict=True):
@@ -317,8 +290,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
             rows += some
     departing = s.imperfections.departing()
     left_out = [x for x in departing if x.partition(".")[0] not in (*LINEAR, "seed")]
-    linear = replace(linear_part(s.imperfections), control_period=None).departing()
-    text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in linear.items())
+    counting = replace(linear_part(s.imperfections), control_period=None).departing()
+    text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in counting.items())
     return Result(
         scenario=s.name,
         control_period=r.period,
@@ -356,10 +329,7 @@ def refusal(point: Point) -> AflMujocoError | None:
 
 
 def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError:
-    """Return the margins of a controller on a plant, of the continuous and of the held loop.
-
-    Where the controller has no linearisation, return why.
-    """
+    """Return margins of the continuous and of the held loop, or why there is no linearisation."""
     try:
         point = point.linear
         loop = linearize(point.controller, point.scenario)
@@ -369,10 +339,8 @@ def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError
     for kind, period in ((CONTINUOUS, None), (HELD, point.period)):
         found = loop_margins(loop, period, point.scenario.imperfections)
         for i, name in enumerate(loop.inputs):
-            finite = {
-                key: x if math.isfinite(x) else None
-                for key, x in (asdict(found[i]) if found is not None else {}).items()
-            }
+            own = {} if found is None else asdict(found[i])
+            finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
             rows.append(_row(point, names, kind, name, stable=found is not None, **finite))
     return rows
 
@@ -380,7 +348,6 @@ def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError
 def _row(
     point: Point, names: Sequence[str], loop: str, name: str, *, stable: bool, **found: float | None
 ) -> Row:
-    """Return a row of a point."""
     nominal = point.scenario.nominal
     return Row(
         controller=point.controller.name,
@@ -418,37 +385,30 @@ STILL = 1e-6  # how far inputs may stray in it [N, N m] and the state end from i
 
 
 def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoError:
-    """Return what one loop tolerates in MuJoCo: the delay, and gains where it is not linear.
-
-    Where that cannot be measured of one that is not, return why.
-    """
+    """Return what one loop tolerates in MuJoCo, gains too if it is not linear; or why not."""
     point, names, linear = unit
     inputs, rows = point.scenario.plant.inputs, []
     try:
         point = point.linear
         if linear:
-            found = loop_margins(
-                loop := linearize(point.controller, point.scenario), point.period,
-                point.scenario.imperfections,
-            )  # fmt: skip
+            loop = linearize(point.controller, point.scenario)
+            found = loop_margins(loop, point.period, point.scenario.imperfections)
             held: Sequence[float] = loop.held
-            abouts = [one.delay for one in found] if found is not None else [math.inf] * len(inputs)
         else:
             held = inputs_at_rest(point)
         stable = motion_decays(point, Change())
         for i, name in enumerate(inputs):
-            same = Change(i, held[i])
-            delays = partial(_holds, point, same, "delay")
-            gains = partial(_holds, point, same, "gain")
+            least = partial(_least, point, Change(i, held[i]))
             tolerated: dict[str, float | None] = {}
             if linear:
-                about = abouts[i] if math.isfinite(abouts[i]) else DELAY
+                about = found[i].delay if found is not None else math.inf
+                about = about if math.isfinite(about) else DELAY
                 scan = scan_levels(about / 5.0, min(about * 5.0, 0.9 * DURATION), 7)
-                tolerated["delay"] = _least(delays, scan, TOLERANCE) or None
+                tolerated["delay"] = least("delay", scan, TOLERANCE) or None
             elif stable:
-                tolerated["gain_decrease"] = _least(gains, [1.0 / x for x in GAINS])
-                tolerated["gain_increase"] = _least(gains, GAINS)
-                tolerated["delay"] = _least(delays, DELAYS)
+                tolerated["gain_decrease"] = least("gain", [1.0 / x for x in GAINS])
+                tolerated["gain_increase"] = least("gain", GAINS)
+                tolerated["delay"] = least("delay", DELAYS)
             rows.append(_row(point, names, MEASURED, name, stable=stable, **tolerated))
     except AflMujocoError as error:
         return error
@@ -464,16 +424,15 @@ class Change(NamedTuple):
     gain: float = 1.0  # a factor on its deviation from rest
 
 
-def _holds(point: Point, same: Change, what: str, level: float) -> bool:
-    """Return whether a small motion decays with another delay or gain."""
-    changed: Any = {what: level}
-    return motion_decays(point, same._replace(**changed))
-
-
 def _least(
-    holds: Callable[[float], bool], scan: list[float], tolerance: float = ROUGHLY
+    point: Point, change: Change, what: str, scan: list[float], tolerance: float = ROUGHLY
 ) -> float | None:
-    """Return where a motion no longer decays; 0 before the first level, None beyond the last."""
+    """Return the delay or gain from which a small motion grows; 0 below the scan, None beyond."""
+
+    def holds(level: float) -> bool:
+        changed: Any = {what: level}
+        return motion_decays(point, change._replace(**changed))
+
     found = find_threshold(holds, scan, tolerance)
     if found.fails_at is None:
         return None
@@ -481,10 +440,7 @@ def _least(
 
 
 def inputs_at_rest(point: Point) -> list[float]:
-    """Return the inputs of a controller that keeps its plant at rest at the target, or raise.
-
-    What small motions do says nothing of a loop that has its equilibrium elsewhere.
-    """
+    """Raise where the loop has its equilibrium elsewhere: small motions say nothing of it."""
     thing = f"small motions of {point.controller.name!r}"
     r = replace(point.scenario.imperfections, delay=0.0, lag=0.0)  # before them nothing is exerted
     prompt = point._replace(scenario=replace(point.scenario, imperfections=r))
@@ -531,7 +487,6 @@ def small_motion(point: Point, change: Change, start: float, duration: float) ->
     )
 
     def amplify(spec: mujoco.MjSpec) -> None:
-        """Multiply the deviation of the input from what it is at rest."""
         from mujoco import mjtBias
 
         if change.gain != 1.0:
@@ -554,14 +509,14 @@ SHORT, LONG = 0.005, 0.02
 GRADES = ("unstable", "less than 5 ms", "5 to 20 ms", "20 ms or more", "not measured")
 """What a delay margin is worth, worst first."""
 
-SHOWN = (
-    ("Gain down to", "gain_decrease", 2, 1.0),
-    ("Gain up to", "gain_increase", 1, 1.0),
-    ("Phase [°]", "phase", 1, 1.0),
-    ("Disk", "disk", 2, 1.0),
-    ("Delay [ms]", "delay", 2, 1e3),
-)
-"""Column, margin, decimals and factor for each margin in the table."""
+SHOWN = {
+    "Gain down to": ("gain_decrease", 2, 1.0),
+    "Gain up to": ("gain_increase", 1, 1.0),
+    "Phase [°]": ("phase", 1, 1.0),
+    "Disk": ("disk", 2, 1.0),
+    "Delay [ms]": ("delay", 2, 1e3),
+}
+"""Margin, decimals and factor of each column of the table."""
 
 
 def report(result: Result) -> Report:
@@ -570,13 +525,9 @@ def report(result: Result) -> Report:
     held = f"inputs held {short(1e3 * r.control_period)} ms"
     blocks: list[Block] = []
     if r.imperfections != "none" or r.left_out:
+        said = f"Imperfections of {r.scenario} that count: {r.imperfections}; "
         left = listed(r.left_out, "and") or "none"
-        blocks.append(
-            plain(
-                f"Imperfections of {r.scenario} that count: {r.imperfections}; "
-                f"that a linear loop cannot have: {left}."
-            )
-        )
+        blocks.append(plain(f"{said}that a linear loop cannot have: {left}."))
     if r.rows:
         plants, cells = _delays(r)
         grades, texts = ([[one[k] for one in row] for row in cells.values()] for k in (0, 1))
@@ -585,19 +536,18 @@ def report(result: Result) -> Report:
                 name="margins-delay",
                 title=f"Delay margin [ms], {held}",
                 caption="On the plants at the ends of the ranges, and a middle.",
-                draw=later("heat", [*cells], plants, grades, texts, GRADES),
+                draw=partial(heat, [*cells], plants, grades, texts, GRADES),
             ),
             _table(r, held),
         ]
     if r.not_linear:
         reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())
         blocks.append("\n".join(f"- {reason}" for reason in reasons))
-    said = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
-    return Report(headline=f"Least delay margin: {' · '.join(said)}", blocks=blocks)
+    least = [f"{name} {_said(r, name)}" for name in (*r.controllers, *r.not_linear)]
+    return Report(headline=f"Least delay margin: {' · '.join(least)}", blocks=blocks)
 
 
 def _said(result: Result, name: str) -> str:
-    """Say how much delay a controller tolerates on its worst plant."""
     rows = result.of(name, HELD if name in result.controllers else MEASURED)
     if not rows:
         return "has none"
@@ -618,7 +568,6 @@ def _text(row: Row, metric: str = "delay", decimals: int = 1, factor: float = 1e
 
 
 def _place(result: Result, parameters: Mapping[str, float], between: str = ", ") -> str:
-    """Return the parameters of a plant in words."""
     return between.join(f"{x:.3g} {result.units[name]}" for name, x in parameters.items())
 
 
@@ -640,7 +589,6 @@ def _delays(result: Result) -> tuple[list[str], dict[str, list[tuple[int, str]]]
 
 
 def _graded(row: Row | None) -> tuple[int, str]:
-    """Return the grade of a delay margin on a plant, and its text."""
     if row is None:
         return 4, MISSING
     if not row.stable:
@@ -649,7 +597,6 @@ def _graded(row: Row | None) -> tuple[int, str]:
 
 
 def _table(result: Result, held: str) -> Matrix:
-    """Return the worst margins of each loop, and how far the measured delays are from them."""
     r, several = result, len(result.inputs) > 1
     shown = [(name, kind) for name in r.controllers for kind in (CONTINUOUS, HELD)]
     shown += [(name, MEASURED) for name in r.not_linear]
@@ -657,11 +604,9 @@ def _table(result: Result, held: str) -> Matrix:
     for (name, kind), one in itertools.product(shown, r.inputs):
         some = r.of(name, kind, one)
         unstable = sum(not row.stable for row in some)
-        worst = [r.worst(name, kind, metric, one) for _, metric, *_ in SHOWN]
-        cells = [
-            MISSING if row is None else _text(row, metric, decimals, factor)
-            for row, (_, metric, decimals, factor) in zip(worst, SHOWN, strict=True)
-        ]
+        worst = [r.worst(name, kind, metric, one) for metric, *_ in SHOWN.values()]
+        cells = [MISSING if row is None else _text(row, *how)
+                 for row, how in zip(worst, SHOWN.values(), strict=True)]  # fmt: skip
         place = "" if worst[-1] is None else _place(r, worst[-1].parameters)
         count = Cell(f"{unstable} of {len(some)}" if some else MISSING, "bad" if unstable else "")
         measured = _measured(r, name, one) if kind == HELD else MISSING
@@ -672,7 +617,7 @@ def _table(result: Result, held: str) -> Matrix:
         "in MuJoCo",
         columns=[
             *("Controller", "Input")[: 1 + several], "Loop", "Unstable",
-            *(name for name, *_ in SHOWN), f"At {', '.join(r.units)}".strip(), "Measured",
+            *SHOWN, f"At {', '.join(r.units)}".strip(), "Measured",
         ],
         rows=rows,
     )  # fmt: skip

@@ -17,14 +17,14 @@ from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import MISSING, fixed, interval, percent, short
+from afl_mujoco.report.numbers import MISSING, fixed, percent, short
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.contract import (
+from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Interrupted,
     Progress,
@@ -32,8 +32,7 @@ from afl_mujoco.studies.contract import (
     Study,
     silent,
 )
-from afl_mujoco.studies.cube_search import Budget
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared.robustness import (
     HARDEST,
     NEAREST,
     Worst,
@@ -43,15 +42,16 @@ from afl_mujoco.studies.robustness import (
     search_worst,
     worst_scenario,
 )
-from afl_mujoco.studies.run import Rows, Run
-from afl_mujoco.studies.tables import how
+from afl_mujoco.studies.shared.run import Rows, Run
+from afl_mujoco.studies.shared.search import Budget
+from afl_mujoco.studies.shared.tables import how
 
 if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
 
 LABORATORY = "laboratory"
-SAMPLES, QUICK_SAMPLES = 1000, 100
-GENERATIONS, QUICK_GENERATIONS = 30, 5
+WHOLE, QUICK = (1000, 30), (100, 5)
+"""Number of samples, and of generations of each search, unless given otherwise."""
 
 FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for each controller
 
@@ -104,7 +104,7 @@ class Request(NamedTuple):
     controllers: Sequence[Controller]
     names: Sequence[str]  # by which the controllers were asked for
     assumed: bool = False  # whether the scenario does not say what varies
-    samples: int = SAMPLES
+    samples: int = WHOLE[0]
     seed: int = 1
     deployed: Deployed = Deployed()
     budget: Budget | None = None  # of the searches, if there are any
@@ -130,28 +130,23 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    names = chosen(o.controllers, [asked])
-    samples = QUICK_SAMPLES if o.quick else SAMPLES
-    generations = QUICK_GENERATIONS if o.quick else GENERATIONS
-    budget = Budget(generations=generations if o.generations is None else o.generations)
-    request = Request(
-        space=SampleSpace(with_ranges(asked)),
-        controllers=[find_controller(name) for name in names],
-        names=names,
-        samples=samples if o.samples is None else o.samples,
-        seed=o.seed,
-        assumed=asked.ranges == FIXED,
-        deployed=Deployed(o.integrator, o.timestep),
-        budget=budget if o.worst_case else None,
-        film=o.film,
+    names, default = chosen(o.controllers, [asked]), QUICK if o.quick else WHOLE
+    samples, generations = (
+        usual if given is None else given
+        for given, usual in zip((o.samples, o.generations), default, strict=True)
     )
-    space, controllers = request.space, request.controllers
-    require_samples(controllers, space, request.samples, o.seed, request.deployed)
+    budget = Budget(generations=generations)
+    space, deployed = SampleSpace(with_ranges(asked)), Deployed(o.integrator, o.timestep)
+    controllers = [find_controller(name) for name in names]
+    require_samples(controllers, space, samples, o.seed, deployed)
     if o.film:
         from afl_mujoco.films.video import side_by_side
 
         side_by_side(space.scenario, controllers[:1])  # raises if it is too short
-    return request
+    return Request(
+        space, controllers, names, asked.ranges == FIXED, samples, o.seed, deployed,
+        budget if o.worst_case else None, o.film,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -203,11 +198,7 @@ def p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
     space, controllers, _, _, samples, seed, deployed, budget, _ = request
@@ -222,16 +213,15 @@ def run(
             for one in controllers:
                 if budget is None:
                     break
-                most = 2 * budget.points
 
-                def advance(done: int, name: str = one.name, most: int = most) -> None:
+                def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
                     progress(f"searching the worst case for {name}", done, most)
 
                 found = search_worst(
                     one, space, runs[one.name], seed, budget, deployed, executor, advance
                 )
-                files = [f"{FOLDER}/{one.name}/{FILES[each.question]}" for each in found]
-                worst += [replace(a, file=b) for a, b in zip(found, files, strict=True)]
+                held = f"{FOLDER}/{one.name}"
+                worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
         except KeyboardInterrupt:
             done = f"{total} samples, {len(worst)} searches"
             raise Interrupted(_result(request, runs, worst), done) from None
@@ -247,16 +237,14 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
         rows=tuple(run for some in runs.values() for run in some),
         asked=dict(zip(runs, request.names, strict=True)),
         rates={
-            name: {
-                "passes": rate([not run.failure for run in some]),
-                "settles": rate([run.settled for run in some]),
-            }
+            name: {"passes": rate([not run.failure for run in some]),
+                   "settles": rate([run.settled for run in some])}
             for name, some in runs.items()
         },
         worst_cases=tuple(worst),
         assumed=request.assumed,
         film=request.film,
-    )
+    )  # fmt: skip
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -264,14 +252,15 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
 
 def report(result: Result) -> Report:
     """Return what is shown of samples and searches."""
-    runs = result.runs
-    ours = subject_of(list(runs))
+    ours = subject_of(list(result.asked))
+    shares = {
+        name: [percent(rates[key][0], 3) for key in ("passes", "settles")]
+        for name, rates in result.rates.items()
+    }
     said = [
-        f"{name} passes {percent(result.rates[name]['passes'][0], 3)} and settles on "
-        f"{percent(result.rates[name]['settles'][0], 3)}"
-        for name in sorted(runs, key=lambda name: name != ours)
+        f"{name} passes {passes} and settles on {settles}"
+        for name, (passes, settles) in sorted(shares.items(), key=lambda one: one[0] != ours)
     ]
-    name = result.space.scenario.name
     blocks: list[Block] = [
         Figure(
             name="montecarlo-rates",
@@ -283,61 +272,46 @@ def report(result: Result) -> Report:
     ]
     if result.worst_cases:
         blocks.append(_worst_cases(result))
-    blocks += [*_messages(result), *_replays(result)]
-    headline = f"{result.samples} samples of {name}: {'; '.join(said)}."
+    blocks += _messages(result)
+    headline = f"{result.samples} samples of {result.space.scenario.name}: {'; '.join(said)}."
     return Report(headline=headline, blocks=blocks)
 
 
 def _rates(result: Result) -> Matrix:
-    """Return how often each controller passed and settled, its margins, and how it fails most."""
     rows: list[list[Cell | str]] = []
-    runs = result.runs
-    for name, some in runs.items():
+    passed: dict[str, list[bool]] = {}
+    for name, some in result.runs.items():
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
+        fails = "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING
         margins = [run.margin for run in some if run.margin is not None]
-        passes, settles = (result.rates[name][key] for key in ("passes", "settles"))
-        rows.append(
-            [
-                name,
-                f"{percent(passes[0], 3)} ({interval(passes[1:])})",
-                f"{percent(settles[0], 3)} ({interval(settles[1:])})",
-                percent(median(margins)) if margins else MISSING,
-                "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING,
-            ]
+        shares = (
+            f"{percent(share, 3)} ({fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)})"
+            for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
         )
-    passed = {name: [not run.failure for run in some] for name, some in runs.items()}
+        rows.append([name, *shares, percent(median(margins)) if margins else MISSING, fails])
+        passed[name] = [not run.failure for run in some]
     pairs = [
         f"{a} and {b} p = {short(p_value(passed[a], passed[b]), 2)}"
-        for a, b in combinations(runs, 2)
+        for a, b in combinations(passed, 2)
     ]
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals"
         + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
-        columns=[
-            "Controller",
-            "Passes [%]",
-            "Settles [%]",
-            "Median margin",
-            "How it fails",
-        ],
+        columns=["Controller", "Passes [%]", "Settles [%]", "Median margin", "How it fails"],
         rows=rows,
     )
 
 
 def _draw_rates(result: Result) -> Any:
-    """Draw how often each controller passes and settles."""
     from afl_mujoco.report.figures import Dot, dots
 
-    def dot(word: str, share: float, low: float, high: float) -> Dot:
-        text = f"{word} {100.0 * share:.1f} %"
-        ends = (100.0 * low, 100.0 * high)
-        return Dot(at=100.0 * share, thin=ends, text=text, hollow=word == "settles")
-
-    rows = {
-        name: [dot(word, *found) for word, found in rates.items()]
-        for name, rates in result.rates.items()
-    }
+    rows: dict[str, list[Dot]] = {name: [] for name in result.rates}
+    for name, rates in result.rates.items():
+        for word, found in rates.items():
+            share, low, high = (100.0 * x for x in found)
+            text, hollow = f"{word} {share:.1f} %", word == "settles"
+            rows[name].append(Dot(at=share, thin=(low, high), text=text, hollow=hollow))
     return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
 
 
@@ -348,17 +322,10 @@ def _worst_cases(result: Result) -> Matrix:
         moved = [(name, x) for name, x in changes_of(result.space, one.point).items()
                  if " instant " not in name and " shape" not in name]  # fmt: skip
         at = f" at {fixed(run.time, 2)} s" if run.failure == run.outcome and run.time else ""
-        rows.append(
-            [
-                one.controller,
-                one.question,
-                Cell(how(run.failure) + at, "bad" if run.failure else "good"),
-                percent(run.margin),
-                fixed(one.distance, 2),
-                ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2]),
-                one.file,
-            ]
-        )
+        outcome = Cell(how(run.failure) + at, "bad" if run.failure else "good")
+        most = ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2])
+        numbers = (percent(run.margin), fixed(one.distance, 2))
+        rows.append([one.controller, one.question, outcome, *numbers, most, one.file])
     return Matrix(
         caption="What a search found: distance from the scenario as a share of the diagonal of all "
         "ranges; what was moved most, as a share of its range",
@@ -368,7 +335,6 @@ def _worst_cases(result: Result) -> Matrix:
 
 
 def _messages(result: Result) -> Iterator[str]:
-    """Say what was assumed, which controllers pass no sample, and the first error of each."""
     if result.assumed:
         yield (
             f"{result.space.scenario.name} does not say what varies, so that its ideal "
@@ -380,10 +346,6 @@ def _messages(result: Result) -> Iterator[str]:
             yield f"{name} passes no sample, so no harder one is searched for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
-
-
-def _replays(result: Result) -> Iterator[str]:
-    """Return the command that replays the first failure of each controller."""
     lines = [
         f"afl-mujoco simulate {file_of(name, runs[0])} --controller {result.asked[name]}"
         for name in result.asked
@@ -459,17 +421,13 @@ def films(result: Result, command: str) -> list[Film]:
     from afl_mujoco.control.catalogue import find_controller
     from afl_mujoco.films.video import side_by_side
 
-    deployment = Deployed(timestep=result.timestep, integrator=result.integrator)
-    return [
-        side_by_side(
-            worst_scenario(result.space, one, result.seed),
-            [find_controller(result.asked[one.controller])],
-            deployment,
-            command=command,
-        )
-        for one in result.worst_cases
-        if one.question == HARDEST and not one.run[0].message
-    ]
+    deployment, films = Deployed(timestep=result.timestep, integrator=result.integrator), []
+    for one in result.worst_cases:
+        if one.question == HARDEST and not one.run[0].message:
+            scenario = worst_scenario(result.space, one, result.seed)
+            shown = [find_controller(result.asked[one.controller])]
+            films.append(side_by_side(scenario, shown, deployment, command=command))
+    return films
 
 
 STUDY = Study(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
@@ -18,8 +18,7 @@ from afl_mujoco.report.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies.bisection import LOWER, UPPER, Threshold
-from afl_mujoco.studies.contract import (
+from afl_mujoco.studies.shared.contract import (
     Interrupted,
     Progress,
     ScenarioNames,
@@ -28,7 +27,7 @@ from afl_mujoco.studies.contract import (
     named_controllers,
     silent,
 )
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared.robustness import (
     COMBINED,
     KNOWN,
     Settings,
@@ -44,8 +43,9 @@ from afl_mujoco.studies.robustness import (
     sweep,
     times_reference,
 )
-from afl_mujoco.studies.run import Rows, Run
-from afl_mujoco.studies.tables import graded, how
+from afl_mujoco.studies.shared.run import Rows, Run
+from afl_mujoco.studies.shared.search import LOWER, UPPER, Threshold
+from afl_mujoco.studies.shared.tables import graded, how
 from afl_mujoco.values import require_distinct
 
 DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
@@ -132,14 +132,9 @@ def prepare(options: Options) -> Request:
     from afl_mujoco.control.catalogue import find_controller
 
     o = options
-    seeds, scan, tolerance = QUICK if o.quick else DEFAULT
-    settings = Settings(
-        seeds=seeds if o.seeds is None else o.seeds,
-        scan=scan if o.scan is None else o.scan,
-        tolerance=tolerance if o.tolerance is None else o.tolerance,
-        integrator=o.integrator,
-        timestep=o.timestep,
-    )
+    usual = dict(zip(("seeds", "scan", "tolerance"), QUICK if o.quick else DEFAULT, strict=True))
+    searched: Any = usual | {name: x for name in usual if (x := getattr(o, name)) is not None}
+    settings = Settings(**searched, integrator=o.integrator, timestep=o.timestep)
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
     controllers = [find_controller(name) for name in chosen(o.controllers, scenarios, SWEPT)]
     names = o.imperfections or tuple(known_of(scenarios[0].plant))
@@ -148,18 +143,14 @@ def prepare(options: Options) -> Request:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """One controller under one imperfection; runs are places among the rows of the result."""
+    """One controller under one imperfection; as in `Swept`, runs as places among the rows."""
 
     imperfection: str  # their names
     controller: str
-    # runs at the level of the reference hardware, and at the mildest level found that is not
-    # survived; none where all that was tried is
     reference: tuple[int, ...]
     failure: tuple[int, ...]
-    survives: Threshold  # thresholds up to which the controller survives, and settles
+    survives: Threshold
     settles: Threshold
-    # whether it acts on the controller at all: what is wrong about a belief does not where the
-    # force does not depend on it
     applies: bool = True
 
 
@@ -192,11 +183,7 @@ class Result:
 
 
 def run(
-    request: Request,
-    *,
-    progress: Progress = silent,
-    workers: int = 1,
-    cluster: str | None = None,
+    request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request
@@ -231,7 +218,7 @@ def _result(
     units: Sequence[SweepUnit],
     found: Mapping[int, Swept],
 ) -> Result:
-    """Put together the sweeps of some imperfections, all of them unless it was interrupted."""
+    """Put together the sweeps of the imperfections that were not interrupted."""
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
@@ -239,19 +226,12 @@ def _result(
         return tuple(range(len(rows) - len(runs), len(rows)))
 
     first = {one.name: kept(runs) for one, runs in zip(request.controllers, bare, strict=True)}
-    sweeps = [
-        Sweep(
-            imperfection=unit.name,
-            controller=unit.controller.name,
-            reference=kept(found[place].reference),
-            failure=kept(found[place].failure),
-            survives=found[place].survives,
-            settles=found[place].settles,
-            applies=found[place].applies,
-        )
-        for place, unit in enumerate(units)
-        if unit.name in request.names
-    ]
+    sweeps = []
+    for place, unit in enumerate(units):
+        if unit.name in request.names:
+            one = found[place]._asdict()
+            one |= {key: kept(one[key]) for key in ("reference", "failure")}
+            sweeps.append(Sweep(imperfection=unit.name, controller=unit.controller.name, **one))
     swept = [find_imperfection(name, request.plant) for name in request.names]
     return Result(
         settings=request.settings,
@@ -286,21 +266,29 @@ def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
         return IDLE
     if not survived(result.runs(found.reference)):
         return FAILS
-    ratio = times_reference(one, found.survives.holds_at) if found.survives.holds_at else 0.0
+    ratio = _spare(one, found)
     if found.survives.bound == LOWER or ratio >= 10.0:
         return MUCH
     return SOME if ratio >= 3.0 else LITTLE
+
+
+def _spare(one: Imperfection, found: Sweep) -> float:
+    held = found.survives.holds_at
+    return times_reference(one, held) if held else 0.0
 
 
 def report(result: Result) -> Report:
     """Return what is shown of thresholds."""
     names = result.controllers
     on = listed([scenario.name for scenario in result.scenarios], "and")
-    failing = [name for name in result.bare if name not in names]
+    failing = []
+    for name in (name for name in result.bare if name not in names):
+        run = next(one for one in result.runs(result.bare[name]) if one.failure)
+        failing.append(f"{name} {how(run.failure)}" + f" ({run.message})" * bool(run.message))
     headline = _headline(result, names) if names else f"No controller survives {on} as it is."
     blocks: list[Block] = []
     if failing:
-        blocks.append(f"With nothing added: {'; '.join(_fails(result, name) for name in failing)}.")
+        blocks.append(f"With nothing added: {'; '.join(failing)}.")
     if names:
         cells = {
             _label(result, one): [_cell(result, one, name) for name in names]
@@ -320,32 +308,21 @@ def report(result: Result) -> Report:
 
 
 def _headline(result: Result, names: Sequence[str]) -> str:
-    """Say what the controller that the study is about survives, and what has the least to spare."""
+    """Say what the study's own controller survives, and what has the least to spare."""
     ours = subject_of(names)
     single = [one for one in result.imperfections if one.name != COMBINED.name]
-    graded = [(grade_of(result, one, result.sweep(one.name, ours)), one) for one in single]
-    acting = [(grade, one) for grade, one in graded if grade != IDLE]
+    swept = [(one, result.sweep(one.name, ours)) for one in single]
+    acting = [(grade, *pair) for pair in swept if (grade := grade_of(result, *pair)) != IDLE]
     if not acting:
         return f"{ours}: no single imperfection was tried that acts on it."
-    survives = sum(grade > FAILS for grade, _ in acting)
-
-    def spare(one: Imperfection) -> float:
-        held = result.sweep(one.name, ours).survives.holds_at
-        return times_reference(one, held) if held else 0.0
-
-    _, least = min(acting, key=lambda pair: (pair[0] == MUCH, spare(pair[1])))
-    at = threshold_text(least, result.sweep(least.name, ours).survives)
+    survives = sum(grade > FAILS for grade, *_ in acting)
+    _, least, found = min(acting, key=lambda x: (x[0] == MUCH, _spare(*x[1:])))
+    at = threshold_text(least, found.survives)
     return (
         f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
         f"to spare: {least.title} (reference {level_text(least, least.reference)} {least.unit}, "
         f"fails at {at} {least.unit})."
     )
-
-
-def _fails(result: Result, name: str) -> str:
-    """Say how a controller fails with nothing added."""
-    first = next(one for one in result.runs(result.bare[name]) if one.failure)
-    return f"{name} {how(first.failure)}" + (f" ({first.message})" if first.message else "")
 
 
 def _label(result: Result, one: Imperfection) -> str:
@@ -356,7 +333,6 @@ def _label(result: Result, one: Imperfection) -> str:
 
 
 def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
-    """Return the grade and the text of a threshold."""
     found = result.sweep(one.name, name)
     if not found.applies:
         return IDLE, MISSING

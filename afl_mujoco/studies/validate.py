@@ -15,33 +15,22 @@ from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.cases import (
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
+from afl_mujoco.studies.shared.run import Rows, Run, run_of
+from afl_mujoco.studies.verify import any_plant
+from afl_mujoco.studies.verify.cases import (
     DECISIVE,
     DEPLOYED,
     Case,
-    Run,
     Settings,
+    Simulated,
     closed_loop_runs,
     reported_runs,
     require_runnable,
 )
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, compute, silent
-from afl_mujoco.studies.run import Rows, run_of
-from afl_mujoco.studies.run import Run as Row
-from afl_mujoco.studies.verify import any_plant
-from afl_mujoco.studies.verify.checks import (
-    closed_loop_checks,
-    equation_checks,
-    reference_checks,
-)
-from afl_mujoco.studies.verify.claims import (
-    Claim,
-    Comparison,
-    decidable,
-    judge_claims,
-    shipped,
-)
+from afl_mujoco.studies.verify.checks import closed_loop_checks, equation_checks, reference_checks
+from afl_mujoco.studies.verify.claims import Claim, Comparison, decidable, judge_claims, shipped
 from afl_mujoco.studies.verify.criteria import Check
 from afl_mujoco.studies.verify.explanation import (
     ErrorBudget,
@@ -104,7 +93,7 @@ def prepare(options: Options) -> Request:
     return Request(scenarios, controllers, settings)
 
 
-def verdict_of(checks: Sequence[Check], rows: Sequence[Row] = ()) -> Literal["pass", "fail"]:
+def verdict_of(checks: Sequence[Check], rows: Sequence[Run] = ()) -> Literal["pass", "fail"]:
     """Return whether every check holds, and there is one, and every requirement is met."""
     missed = any(run.missed for run in rows)
     holds = bool(checks) and all(check.passed for check in checks)
@@ -118,7 +107,7 @@ class Result:
     # "pass" if every check holds, and there is one, and every requirement is met, else "fail"
     verdict: Literal["pass", "fail"]
     checks: tuple[Check, ...]  # every judged value
-    runs: tuple[Run, ...]  # each case in each simulator
+    runs: tuple[Simulated, ...]  # each case in each simulator
     rows: Rows = ()  # each case as deployed and judged
     # the paper's claims C1 to C12; empty unless all runs that they need were made
     claims: tuple[Claim, ...] = ()
@@ -135,7 +124,6 @@ class Result:
     curves: Mapping[str, tuple[Array, Array]]
 
     def __post_init__(self) -> None:
-        """Raise if the parts contradict each other."""
         expected = verdict_of(self.checks, self.rows)
         if self.verdict != expected:
             raise ValueError(f"verdict must be {expected!r}, as judged, got {self.verdict!r}")
@@ -146,14 +134,10 @@ class Result:
             raise ValueError(f"curves must hold {min(missing)}, a run's")
 
     @property
-    def of_paper(self) -> bool:
-        """Whether it is of the cart-pole."""
-        return all(scenario.is_cart_pole for scenario in self.scenarios)
-
-    @property
     def model_verified(self) -> bool:
         """Whether the plant has equations, so that MuJoCo was held against them."""
-        return self.of_paper or any(check.id == "A1e" for check in self.checks)
+        paper = all(scenario.is_cart_pole for scenario in self.scenarios)
+        return paper or any(check.id == "A1e" for check in self.checks)
 
     @property
     def passed(self) -> bool:
@@ -211,16 +195,12 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
 
 
 def _of_equations(full: bool) -> list[Check]:
-    """Return the checks that need no case."""
     more = (*reference_checks(), plateau_check()) if full else ()
     return [*equation_checks(), *more]
 
 
 def judge(case: Case) -> Judged:
-    """Run and judge one scenario with one controller.
-
-    The codes are compared on the ideal loop; requirements are of the run as deployed.
-    """
+    """Compare the codes on the ideal loop of a case; judge requirements by the run as deployed."""
     scenario, controller, settings = case
     ideal = scenario.ideal
     runs = closed_loop_runs(ideal, controller, settings)

@@ -29,7 +29,7 @@ from docs.tables import tables
 from afl_mujoco.scenario.files import load_scenario
 from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace
-from afl_mujoco.studies.robustness import COMBINED, KNOWN, added, hardware_at
+from afl_mujoco.studies.shared.robustness import COMBINED, KNOWN, added, hardware_at
 
 Path("toy.toml").write_text("imperfections.stiction = 0.25")
 scenario = load_scenario("toy.toml")

@@ -19,8 +19,8 @@ from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.style import CONTROLLERS
 from afl_mujoco.studies.estimation import CASES
-from afl_mujoco.studies.record import PAGE, Record, save_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import PAGE, Record, save_record
 from afl_mujoco.studies.validate import Result
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, make_result, write_listing

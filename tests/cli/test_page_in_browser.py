@@ -20,8 +20,8 @@ import pytest
 
 from afl_mujoco.cli.study import write_page
 from afl_mujoco.report import page as page_module
-from afl_mujoco.studies.record import Record, save_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import Record, save_record
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, make_result, write_listing
 

@@ -7,7 +7,7 @@ import pytest
 from afl_mujoco.cli import terminal
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS
 from afl_mujoco.studies.check import Options
-from afl_mujoco.studies.robustness import COMBINED
+from afl_mujoco.studies.shared.robustness import COMBINED
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(

@@ -14,7 +14,7 @@ from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode import solve_ode
 from afl_mujoco.simulation.task import controller_policy
-from afl_mujoco.studies.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.checks import closed_loop_checks
 
 BASELINES = ("lqr", "pole-placement", "partial-linearization")

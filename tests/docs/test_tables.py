@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.shared.contract import studies
 from docs.tables import cells_as_table, tables
 from tests.docs.test_content import CONTENT
 from tests.planted_faults import load_faults

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.studies.cube_search import Budget
+from afl_mujoco.studies.shared.search import Budget
 from research import paper, readings
 from research.figures import draw_sensitivity
 from research.gain_tuning import GainTable

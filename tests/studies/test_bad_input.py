@@ -10,8 +10,7 @@ from typing import get_type_hints
 import pytest
 import tyro
 
-from afl_mujoco.studies.contract import Study
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.shared.contract import Study, studies
 
 ALL = list(studies())
 STEMS = {name: study.stem for name, study in studies().items()} | {"dice": "dice"}

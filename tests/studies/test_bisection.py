@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.studies.bisection import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
+from afl_mujoco.studies.shared.search import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
 
 
 @given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())

@@ -15,8 +15,8 @@ import afl_mujoco as afl
 from afl_mujoco.plants import tree
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.studies import check as check_study
-from afl_mujoco.studies.record import load_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record
 from tests.plants.plants import NAMES, known, small, varied
 
 EQUATIONS = ("plant = afl.Plant(\n", "{}\n\nplant = afl.Plant(\n    {},\n")

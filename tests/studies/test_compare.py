@@ -17,8 +17,8 @@ from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.compare import Result, compare, report
-from afl_mujoco.studies.record import load_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record
 
 RIG = """
 name = "rig"

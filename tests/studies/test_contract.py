@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from afl_mujoco.studies.record import save_record
-from afl_mujoco.studies.registry import studies
+from afl_mujoco.studies.shared.contract import studies
+from afl_mujoco.studies.shared.record import save_record
 from tests.study_results import record
 
 ROOT = Path(__file__).parents[2]

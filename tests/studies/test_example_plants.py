@@ -8,7 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.studies import attraction, montecarlo, thresholds
-from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.shared.run import run_all
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PLANTS = ("quadrotor_load", "cart_double_pendulum", "double_pendulum")

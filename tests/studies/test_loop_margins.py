@@ -19,9 +19,9 @@ from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.studies import loop_margins as under_test
-from afl_mujoco.studies.loop_margins import Loop, held_plant
 from afl_mujoco.studies.margins import HELD, MEASURED, Request, difference, run
+from afl_mujoco.studies.shared import loop_margins as under_test
+from afl_mujoco.studies.shared.loop_margins import Loop, held_plant
 
 NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()

@@ -20,7 +20,6 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies import margins
-from afl_mujoco.studies.loop_margins import linearize, loop_margins
 from afl_mujoco.studies.margins import (
     CONTINUOUS,
     HELD,
@@ -42,6 +41,7 @@ from afl_mujoco.studies.margins import (
     run,
     value_of,
 )
+from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
 from tests import study_results
 
 LQR, ADAPTIVE = CONTROLLERS["lqr"], CONTROLLERS["adaptive"]

@@ -34,7 +34,7 @@ from afl_mujoco.studies.montecarlo import (
     run,
     write_files,
 )
-from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.shared.run import run_all
 from tests.program import interrupt
 from tests.program import run as program
 

@@ -16,9 +16,9 @@ import pytest
 from afl_mujoco import files
 from afl_mujoco.errors import FileError
 from afl_mujoco.report import style
-from afl_mujoco.studies import record as record_module
-from afl_mujoco.studies.record import load_record, load_records, remove_record, save_record
-from afl_mujoco.studies.registry import find_study
+from afl_mujoco.studies.shared import record as record_module
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record, load_records, remove_record, save_record
 from tests import study_results
 
 NAMES = tuple(study_results.RESULTS)

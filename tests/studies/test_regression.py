@@ -13,9 +13,9 @@ import afl_mujoco as afl
 from afl_mujoco import cli
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import as_plain
-from afl_mujoco.studies import regression
-from afl_mujoco.studies.cases import REPORTED
-from afl_mujoco.studies.regression import (
+from afl_mujoco.studies.verify import regression
+from afl_mujoco.studies.verify.cases import REPORTED
+from afl_mujoco.studies.verify.regression import (
     SETTINGS,
     Baseline,
     Recording,

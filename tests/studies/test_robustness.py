@@ -19,10 +19,8 @@ from afl_mujoco.scenario.sample_space import (
     search_generator,
 )
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
-from afl_mujoco.studies import robustness
-from afl_mujoco.studies.bisection import BRACKETED
-from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared import robustness
+from afl_mujoco.studies.shared.robustness import (
     HARDEST,
     NEAREST,
     Settings,
@@ -36,7 +34,8 @@ from afl_mujoco.studies.robustness import (
     sweep,
     worst_scenario,
 )
-from afl_mujoco.studies.run import Run, run_all
+from afl_mujoco.studies.shared.run import Run, run_all
+from afl_mujoco.studies.shared.search import BRACKETED, Budget, minimise
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]

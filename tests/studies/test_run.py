@@ -16,8 +16,8 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.attraction import Result as Map
-from afl_mujoco.studies.run import Run, columns_of, run_all, run_of
-from afl_mujoco.studies.tables import how, requirements_matrix
+from afl_mujoco.studies.shared.run import Run, columns_of, run_all, run_of
+from afl_mujoco.studies.shared.tables import how, requirements_matrix
 
 LQR, NOMINAL = afl.CONTROLLERS["lqr"], afl.SCENARIOS["nominal"]
 NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))

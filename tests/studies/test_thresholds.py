@@ -16,8 +16,8 @@ from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
-from afl_mujoco.studies import robustness
-from afl_mujoco.studies.robustness import (
+from afl_mujoco.studies.shared import robustness
+from afl_mujoco.studies.shared.robustness import (
     COMBINED,
     KNOWN,
     RAIL,
@@ -33,7 +33,7 @@ from afl_mujoco.studies.robustness import (
     seeds,
     sweep,
 )
-from afl_mujoco.studies.run import run_all
+from afl_mujoco.studies.shared.run import run_all
 from afl_mujoco.studies.thresholds import Request, report, run
 
 CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)

@@ -15,9 +15,9 @@ from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.time_steps import DEFAULT
 from afl_mujoco.simulation.bound_controllers import bound, lqr_of
 from afl_mujoco.studies import attraction
-from afl_mujoco.studies.cube_search import Budget
-from afl_mujoco.studies.loop_margins import linearize, loop_margins
-from afl_mujoco.studies.robustness import sample, search_worst
+from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
+from afl_mujoco.studies.shared.robustness import sample, search_worst
+from afl_mujoco.studies.shared.search import Budget
 
 MODEL = """<mujoco><compiler angle="radian"/><worldbody>
 <body name="pole"><joint name="pole" axis="0 1 0" damping="0.01"/>

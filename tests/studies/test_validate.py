@@ -15,13 +15,13 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.report.blocks import Cell, Matrix, Section, figures_of
 from afl_mujoco.simulation.judgement import Judgement
-from afl_mujoco.studies.arrays import packed
-from afl_mujoco.studies.cases import REPORTED, Settings
-from afl_mujoco.studies.record import load_record, save_record
-from afl_mujoco.studies.registry import find_study
-from afl_mujoco.studies.run import Run as Row
-from afl_mujoco.studies.run import columns_of
+from afl_mujoco.studies.shared.arrays import packed
+from afl_mujoco.studies.shared.contract import find_study
+from afl_mujoco.studies.shared.record import load_record, save_record
+from afl_mujoco.studies.shared.run import Run as Row
+from afl_mujoco.studies.shared.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, report, run, verdict_of
+from afl_mujoco.studies.verify.cases import REPORTED, Settings
 from afl_mujoco.studies.verify.criteria import CRITERIA
 from tests.study_results import record
 from tests.verification_result import make_result

@@ -24,58 +24,28 @@ from afl_mujoco.simulation.ode import Loop, require_equations
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.simulate import MovingTrees, simulate_ode
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-from afl_mujoco.studies.cases import DEPLOYED, Case, reported_runs
-from afl_mujoco.studies.check import Check as Found
 from afl_mujoco.studies.check import check
-from afl_mujoco.studies.run import run_of
+from afl_mujoco.studies.shared.run import run_of
+from afl_mujoco.studies.verify.cases import DEPLOYED, Case, reported_runs
 from afl_mujoco.studies.verify.checks import one_step_difference
-from afl_mujoco.studies.verify.convergence import (
-    STEPS,
-    Study,
-    last_state,
-    sampled_study,
-    studied,
-)
-from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
-from afl_mujoco.studies.verify.explanation import (
-    Growth,
-    Judged,
-    budget_curves,
-    error_budget,
-    moving,
-)
+from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
+from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check, judged
+from afl_mujoco.studies.verify.explanation import Growth, Judged, error_budget, moving
 
 Floats = NDArray[np.float64]
 
-EVERY = 0.25
-"""How long the ODE runs before it starts again from MuJoCo's state [s]."""
+EVERY = 0.25  # how long the ODE runs before it starts again from MuJoCo's state [s]
+FREE = 1.0  # length of a free motion [s]
+STIR = 3.0  # largest rate by which a free motion starts off the scenario's start [rad/s, m/s]
+PARTS = 10  # parts of a free motion: each starts where it should, so that none amplifies an error
+HALVINGS = 12  # its steps are that many: a part, halved again and again
+SHOWN = (1e-12, 1e-3)  # errors between which an order can be seen: above round-off, and small
+FINE = (2.5e-4, 1.25e-4)  # control periods between which the order of the hold is observed [s]
+STILL = 1e-9  # largest error of a run in which so little happens that there is no order to be seen
 
-FREE = 1.0
-"""Length of a free motion [s]."""
-
-STIR = 3.0
-"""Largest rate by which a free motion starts off the scenario's start [rad/s, m/s]."""
-
-PARTS = 10
-"""Parts of a free motion: each starts where it should, so that none amplifies an error."""
-
-HALVINGS = 12
-"""Its steps are that many: a part, halved again and again."""
-
-SHOWN = (1e-12, 1e-3)
-"""Errors between which an order can be seen: above round-off, and small."""
-
-FINE = (2.5e-4, 1.25e-4)
-"""Control periods between which the order of the hold is observed [s]."""
-
-STILL = 1e-9
-"""Largest error of a run in which so little happens that there is no order to be seen."""
+NUDGE = 1e-7  # change of the initial state whose growth is shown
 
 # --- the plant ------------------------------------------------------------------------------------
-
-
-NUDGE = 1e-7
-"""Change of the initial state whose growth is shown."""
 
 
 def of_plant(scenario: Scenario) -> list[Check]:
@@ -86,12 +56,11 @@ def of_plant(scenario: Scenario) -> list[Check]:
         reached = [x for x in (*scenario.spans[name], one.low, one.high) if x is not None]
         box[name] = min(reached), max(reached)
     found = check(plant, box=box)
-    rows = {row.id: row for row in found.checks}
-    checks = [
-        _taken(id, rows[row], found.headline)
-        for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1"))
-        if row in rows
-    ]
+    rows, checks = {row.id: row for row in found.checks}, []
+    for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1")):
+        if row in rows:
+            taken = replace(CRITERIA[id], limit=rows[row].limit).judge(rows[row].value)
+            checks.append(taken if taken.passed else replace(taken, reason=found.headline))
     stale = [rows[id].value for id in ("F1", "F2") if id in rows]
     failed = [row for row in found.checks if not row.passed and row.id not in ("F1", "F2")]
     values = {"A1c": float(len(failed))} | ({"A3n": sum(stale)} if stale else {})
@@ -99,20 +68,11 @@ def of_plant(scenario: Scenario) -> list[Check]:
     values["A6f"] = lost
     if len(study.steps) >= 3:
         values["A4f"] = study.deviation(4.0)
-    return [*checks, *(CRITERIA[id].judge(values[id]) for id in CRITERIA if id in values)]
-
-
-def _taken(id: str, row: Found, headline: str) -> Check:
-    """Return a row of `check` as a check, with its own limit."""
-    taken = replace(CRITERIA[id], limit=row.limit).judge(row.value)
-    return taken if taken.passed else replace(taken, reason=headline)
+    return [*checks, *judged(values, ANY, ANY)]
 
 
 def free_motion(scenario: Scenario) -> tuple[Study, float]:
-    """Return the error of MuJoCo's RK4 over step sizes, and the energy that MuJoCo gains [J].
-
-    There are no inputs, no damping, and what equations of a tree cannot describe is left out.
-    """
+    """Return the error of MuJoCo's RK4 in undamped motion, and the energy it gains [J]."""
     model = PlantModel(scenario.plant, compared=True)
     row = model.rows(scenario.values_at(0.0))[0]
     model.write(row)
@@ -156,10 +116,7 @@ def free_motion(scenario: Scenario) -> tuple[Study, float]:
 
 
 def judge(case: Case) -> Judged:
-    """Run and judge one scenario of any plant with one controller.
-
-    The codes are compared on the ideal loop; requirements are of the run as deployed.
-    """
+    """Do as `validate.judge` does for the cart-pole."""
     scenario, controller, settings = case
     ideal, h, period = scenario.ideal, settings.timestep, settings.control_period
     loop = bound(controller, ideal)
@@ -171,9 +128,10 @@ def judge(case: Case) -> Judged:
     runs = {f"mujoco {mode}": simulated(mode) for mode in ("exact", "continuous", "sampled")}
     exact, sampled = runs["mujoco exact"], runs[DEPLOYED]
     growth = None
-    values = {
-        "A10r": float(_differ(exact, simulated("exact")) + _differ(sampled, simulated("sampled")))
-    }
+    again = [(exact, simulated("exact")), (sampled, simulated("sampled"))]
+    unlike = [any(x.tobytes() != y.tobytes() for x, y in ((a.state, b.state), (a.input, b.input)))
+              for a, b in again]  # fmt: skip
+    values = {"A10r": float(sum(unlike))}
     if scenario.plant.has_equations:
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled, relative=True)
@@ -186,12 +144,13 @@ def judge(case: Case) -> Judged:
         if max(hold.errors) > STILL:
             values["B4f"] = hold.deviation(1.0)
     budget = None
-    if settings.full and scenario.plant.has_equations and not _rates_act(ideal):
+    middles = np.array([0.5 * (segment.start + segment.end) for segment in ideal.segments])
+    rates_act = ideal.acting_rates(middles).any()  # which the held equations leave out
+    if settings.full and scenario.plant.has_equations and not rates_act:
         step = sampled.provenance["settings"]["timestep"]
         twin = simulate_ode_held(ideal, loop, timestep=step, control_period=period, substeps=2)
         whole = {name: runs[name] for name in ("ode", "mujoco exact", DEPLOYED)}
-        if curves := budget_curves(ideal, loop, {**whole, "ode held": twin}, substeps=1):
-            budget = error_budget(ideal, loop, sampled.time, curves)
+        budget = error_budget(ideal, loop, {**whole, "ode held": twin}, substeps=1)
     deployed = sampled
     if scenario != ideal:
         deployed = simulate_mujoco(scenario, bound(controller, scenario))
@@ -203,18 +162,6 @@ def judge(case: Case) -> Judged:
         budget,
         growth=growth,
     )
-
-
-def _rates_act(scenario: Scenario) -> bool:
-    """Return whether rates of parameters act, which the held equations leave out."""
-    middles = [0.5 * (segment.start + segment.end) for segment in scenario.segments]
-    return bool(scenario.acting_rates(np.array(middles)).any())
-
-
-def _differ(one: Trajectory, other: Trajectory) -> bool:
-    """Return whether two runs differ in any bit."""
-    pairs = ((one.state, other.state), (one.input, other.input))
-    return any(a.tobytes() != b.tobytes() for a, b in pairs)
 
 
 def _distance(one: Floats, other: Floats) -> float:
@@ -243,10 +190,7 @@ def growth_of(
 
 
 def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:
-    """Return the largest difference of the ODE, restarted from MuJoCo's state at times, from it.
-
-    It restarts within segments: what happens at a breakpoint is compared as well.
-    """
+    """Return the largest difference of the ODE from MuJoCo, from whose state it restarts."""
     loop = Loop(scenario, ParameterChange(), MovingTrees(scenario.plant), controller)
     solver = loop.solver(criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
@@ -265,10 +209,8 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
                 return np.concatenate(found), outcome
         return np.concatenate(found), None
 
-    times, nodes = (
-        time_grid(scenario, float(exact.time[1])),
-        controller.nodes_within(scenario.spans),
-    )
+    times = time_grid(scenario, float(exact.time[1]))
+    nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
     return _distance(states, exact.state) if outcome.kind == exact.outcome.kind else math.inf
 

@@ -12,7 +12,6 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
@@ -38,6 +37,7 @@ from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_steps
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
 from afl_mujoco.studies.verify.convergence import (
+    Floats,
     Study,
     difference,
     free_swing_study,
@@ -78,36 +78,32 @@ def _changes(model: SimulatedModel, plants: Sequence[CartPoleParameters]) -> Ite
         yield
 
 
+def _draws(rng: np.random.Generator, count: int, steepest: float) -> list[Any]:
+    """Return plants, states and forces."""
+    ends = (10.0, steepest, 10.0, 10.0)
+    return [
+        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
+        for _ in range(count)
+    ]
+
+
 def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
     """Return the largest scaled difference between MuJoCo's qacc and (P3), (P4)."""
-    model = SimulatedModel(CART_POLE)
-    ends = (10.0, np.pi, 10.0, 10.0)
-    draws = [
-        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
-        for _ in range(states)
-    ]
+    model, draws = SimulatedModel(CART_POLE), _draws(rng, states, np.pi)
     worst = 0.0
     changes = _changes(model, [p for p, *_ in draws])
     for (p, state, force), _ in zip(draws, changes, strict=True):
         measured = model.accelerations(state, force)
         _, phi, _, phi_dot = state
-        plant = astuple(p)
-        expected = np.array(
-            [
-                cart_acceleration(phi, phi_dot, force, *plant),
-                pole_acceleration(phi, phi_dot, force, *plant),
-            ]
-        )
+        both = (cart_acceleration, pole_acceleration)
+        expected = np.array([of(phi, phi_dot, force, *astuple(p)) for of in both])
         error = np.abs(measured - expected) / (1.0 + np.abs(expected))
         worst = max(worst, float(error.max())) if np.isfinite(error).all() else np.inf
     return worst
 
 
 def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
-    """Return the largest relative difference between MuJoCo's mass matrix and the analytic one.
-
-    The velocity jump under an ideal impulse, which follows from its inverse, counts as well.
-    """
+    """Return the largest relative error of MuJoCo's mass matrix, and of the jump by an impulse."""
     model = SimulatedModel(CART_POLE)
     draws = [(random_plant(rng), rng.uniform(-np.pi, np.pi)) for _ in range(states)]
     jumped, worst = np.empty(2), 0.0
@@ -126,17 +122,8 @@ def mass_matrix_error(rng: np.random.Generator, states: int = 1000) -> float:
 
 
 def asymmetry(rng: np.random.Generator, states: int = 1000) -> tuple[float, float]:
-    """Return how far MuJoCo's accelerations and the controller's force are from the symmetries.
-
-    Mirrored states and forces give mirrored accelerations and controller forces; a shift along z
-    changes no acceleration, and neither do twice the masses under twice the force.
-    """
-    model = SimulatedModel(CART_POLE)
-    ends = (10.0, 1.5, 10.0, 10.0)
-    draws = [
-        (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))
-        for _ in range(states)
-    ]
+    """Return how far mirrored or scaled, and shifted, motions are from symmetric."""
+    model, draws = SimulatedModel(CART_POLE), _draws(rng, states, 1.5)
     plants = [p for p, *_ in draws]
     twice = [replace(p, cart_mass=2 * p.cart_mass, pole_mass=2 * p.pole_mass) for p in plants]
     as_drawn, heavier = _changes(model, plants), _changes(model, twice)
@@ -189,24 +176,17 @@ def add_passive_physics(spec: mujoco.MjSpec) -> None:
         joint.limited, joint.range = mujoco.mjtLimited.mjLIMITED_TRUE, [-reach, reach]
     pole = spec.geom("pole")
     pole.contype = pole.conaffinity = 1
-    spec.worldbody.add_geom(
-        name="ground",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[10, 10, 0.1],
-        pos=[0, 0, -0.3],
-        contype=1,
-        conaffinity=1,
-    )
+    plane = mujoco.mjtGeom.mjGEOM_PLANE
+    place = {"size": [10, 10, 0.1], "pos": [0, 0, -0.3]}
+    spec.worldbody.add_geom(name="ground", type=plane, contype=1, conaffinity=1, **place)
 
 
-def _qacc(
-    model: mujoco.MjModel, data: mujoco.MjData, state: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _qacc(model: mujoco.MjModel, data: mujoco.MjData, state: Floats) -> Floats:
     """Return MuJoCo's accelerations at a state, solved from a cold start."""
     mujoco.mj_resetData(model, data)
     data.qpos, data.qvel, data.ctrl = state[:2], state[2:], 3.0
     mujoco.mj_forward(model, data)
-    found: NDArray[np.float64] = data.qacc.copy()
+    found: Floats = data.qacc.copy()
     return found
 
 
@@ -226,14 +206,10 @@ def closed_loop_checks(
         "B2b": state_difference(runs["mujoco continuous"], runs["ode RK4"]),
         "B3": state_difference(runs["mujoco sampled"], runs["ode held"]),
     }
-    if controller.name in B2_CONTROLLERS and _timestep(runs["mujoco continuous"]) == B2_TIMESTEP:
+    timestep = runs["mujoco continuous"].provenance["settings"]["timestep"]
+    if controller.name in B2_CONTROLLERS and timestep == B2_TIMESTEP:
         values["B2"] = state_difference(runs["mujoco continuous"], runs["ode"])
     return judged(values, scenario.name, controller.name)
-
-
-def _timestep(run: Trajectory) -> float:
-    """Return the timestep of a run [s]."""
-    return float(run.provenance["settings"]["timestep"])
 
 
 def state_difference(one: Trajectory, other: Trajectory) -> float:
@@ -257,10 +233,7 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
 
 
 def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool = False) -> float:
-    """Return the largest difference of a step of a sampled run from a textbook RK4 step.
-
-    Steps are left out in which momenta or masses jump, or rates act. Relative is to 1 + |x|.
-    """
+    """Compare steps without jumps or rates to textbook RK4 steps; relative is to 1 + |x|."""
     middles = 0.5 * (run.time[:-1] + run.time[1:])
     disturbed = held_disturbances(scenario, run.time)
     struck = np.asarray(disturbed.impulse.any(axis=1))
@@ -335,9 +308,7 @@ def run_digests() -> tuple[str, ...]:
     )
 
 
-def manufactured(
-    time: float,
-) -> tuple[NDArray[np.float64], tuple[float, float], NDArray[np.float64]]:
+def manufactured(time: float) -> tuple[Floats, tuple[float, float], Floats]:
     """Return the manufactured motion: state, (M, l) and (z'', phi'') at a time."""
     z, phi = 0.3 * np.sin(time), 0.5 * np.cos(1.3 * time)
     z_dot, phi_dot = 0.3 * np.cos(time), -0.65 * np.sin(1.3 * time)
@@ -360,13 +331,13 @@ def manufactured_study() -> tuple[Study, float]:
     """Return RK4's and DOP853's errors around MuJoCo's dynamics on the manufactured motion."""
     model, work = SimulatedModel(CART_POLE), work_space(4)
 
-    def rate(time: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
+    def rate(time: float, state: Floats) -> Floats:
         _, (mass, length), _ = manufactured(time)
         model.write(np.array([mass, NOMINAL.pole_mass, length, NOMINAL.gravity]))
         force, torque = required_forces(time)
         return np.array([*state[2:], *model.accelerations(state, force, (0.0, torque))])
 
-    def rates(_: None, time: float, state: NDArray[np.float64], slopes: Any) -> None:
+    def rates(_: None, time: float, state: Floats, slopes: Any) -> None:
         slopes[:] = rate(time, state)
 
     start, end = manufactured(0.0)[0], manufactured(MANUFACTURED_DURATION)[0]

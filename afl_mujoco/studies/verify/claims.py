@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Literal
@@ -52,16 +52,13 @@ much adaptive gains lower it [%]."""
 
 CASES = tuple(TABLE_3)
 
-NEAR = 5.0
-"""How close to the paper's an improvement must come to be reproduced [percentage points]."""
-
+NEAR = 5.0  # how close to the paper's an improvement must come to be reproduced [percentage points]
 PUBLISHED_IMPROVEMENT = {case: row[2] for case, row in TABLE_3.items()}
 """By how much adaptive gains lower the objective of each case [%]."""
 
 IMPULSE_TIME = 10.0
 
-EXACT = 1e-10
-"""Largest scaled error of an identity that counts as round-off."""
+EXACT = 1e-10  # largest scaled error of an identity that counts as round-off
 
 Runs = Mapping[tuple[str, str], Metrics]
 """Metrics by scenario and controller."""
@@ -177,32 +174,38 @@ def linearisation_claim() -> Claim:
 
 def performance_claims(runs: Runs, tried: Readings) -> Iterator[Claim]:
     """Judge C2 to C8."""
-    yield _stabilised(runs)
-    for place, case in enumerate(CASES):
-        yield _improvement(f"C{3 + place}", case, runs, tried)
-    yield _overshoot_and_settling(runs)
-    yield _impulse(runs)
-
-
-def _settled(figures: Metrics) -> float | None:
-    """Return when the last state entered its 2 % band for good, or None if one never did."""
-    times = [figures[f"settling_2pc_{x}"] for x in CART_POLE.states]
-    return None if None in times else max(t for t in times if t is not None)
-
-
-def _stabilised(runs: Runs) -> Claim:
-    """C2: all states go to zero from -60 degrees."""
-    calm = [_settled(runs[s, c]) for s in PUBLISHED_IMPROVEMENT for c in (FIXED, ADAPTIVE)]
-    reached = [time for time in calm if time is not None]
-    return Claim(
+    count, of, latest = _settled(runs, CASES)
+    yield Claim(
         id="C2",
         claim="the controller drives all states to zero from -60 degrees",
         figure="latest settling of any state into 2 % of its peak, four cases [s]",
         paper=None,
-        here=max(reached) if len(reached) == len(calm) else None,
-        verdict=verdict(len(reached) / len(calm)),
-        why=f"{len(reached)} of {len(calm)} runs of the four cases settle in MuJoCo within 20 s",
+        here=latest,
+        verdict=verdict(count / of),
+        why=f"{count} of {of} runs of the four cases settle in MuJoCo within 20 s",
     )
+    for place, case in enumerate(CASES):
+        yield _improvement(f"C{3 + place}", case, runs, tried)
+    yield _overshoot_and_settling(runs)
+    count, of, latest = _settled(runs, [name for name in SCENARIOS if name.endswith("-impulse")])
+    yield Claim(
+        id="C8",
+        claim="the impulse at 10 s is rejected",
+        figure="latest return of any state into 2 % of its peak after the impulse [s]",
+        paper=None,
+        here=None if latest is None else latest - IMPULSE_TIME,
+        verdict=verdict(count / of),
+        why=f"{count} of {of} disturbed runs settle again before 20 s",
+    )
+
+
+def _settled(runs: Runs, scenarios: Sequence[str]) -> tuple[int, int, float | None]:
+    """Return how many runs settle into 2 %, of how many, and the latest time, if all do."""
+    found = [runs[s, c] for s in scenarios for c in (FIXED, ADAPTIVE)]
+    times = [[one[f"settling_2pc_{x}"] for x in CART_POLE.states] for one in found]
+    reached = [max(t for t in some if t is not None) for some in times if None not in some]
+    latest = max(reached) if len(reached) == len(found) else None
+    return len(reached), len(found), latest
 
 
 def improvement(fixed: Metrics, adaptive: Metrics) -> float | None:
@@ -238,11 +241,8 @@ def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:
 def _overshoot_and_settling(runs: Runs) -> Claim:
     """C7: overshoot and settling time of every state fall in every case."""
     names = [f"{kind}_{x}" for kind in ("overshoot", "settling_2pc") for x in CART_POLE.states]
-    cut = [
-        _less(runs[case, ADAPTIVE][name], runs[case, FIXED][name])
-        for case in PUBLISHED_IMPROVEMENT
-        for name in names
-    ]
+    pairs = ((runs[s, ADAPTIVE][x], runs[s, FIXED][x]) for s in CASES for x in names)
+    cut = [a is not None and (b is None or a < b) for a, b in pairs]  # a missing one is infinite
     return Claim(
         id="C7",
         claim="adaptive gains cut overshoot and settling time of every state in every case",
@@ -252,25 +252,4 @@ def _overshoot_and_settling(runs: Runs) -> Claim:
         verdict=verdict(sum(cut) / len(cut), least=0.5),
         why=f"{sum(cut)} of {len(cut)} fall; overshoot is the excursion beyond zero, settling is "
         "into 2 % of the peak",
-    )
-
-
-def _less(one: float | None, other: float | None) -> bool:
-    """Return whether a value is smaller; one that is missing counts as infinite."""
-    return one is not None and (other is None or one < other)
-
-
-def _impulse(runs: Runs) -> Claim:
-    """C8: the impulse at 10 s is rejected."""
-    disturbed = [name for name in SCENARIOS if name.endswith("-impulse")]
-    calm = [_settled(runs[s, c]) for s in disturbed for c in (FIXED, ADAPTIVE)]
-    reached = [time - IMPULSE_TIME for time in calm if time is not None]
-    return Claim(
-        id="C8",
-        claim="the impulse at 10 s is rejected",
-        figure="latest return of any state into 2 % of its peak after the impulse [s]",
-        paper=None,
-        here=max(reached) if len(reached) == len(calm) else None,
-        verdict=verdict(len(reached) / len(calm)),
-        why=f"{len(reached)} of {len(calm)} disturbed runs settle again before 20 s",
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -21,12 +22,10 @@ from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
 
-STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
-"""Steps of the closed-loop studies [s]."""
+Floats = NDArray[np.float64]
 
-SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)
-"""Steps over which the schedule alone is held [s]."""
-
+STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)  # steps of the closed-loop studies [s]
+SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)  # steps over which the schedule alone is held [s]
 AFTERMATH = 0.5
 """Time for which a study continues after the last breakpoint [s]: nothing happens later."""
 
@@ -39,29 +38,19 @@ class Study:
     errors: tuple[float, ...]
 
     @property
-    def order(self) -> float:
-        """Slope of the errors over the steps, both logarithmic, by least squares."""
-        return float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0])
-
-    @property
     def reduction(self) -> float:
-        """Error at a quarter of the second step over the error at the second step.
-
-        Infinite if there is no error to reduce, so that nothing is concluded from it.
-        """
+        """Error at the fourth step over that at the second; infinite if there is none to reduce."""
         return self.errors[3] / self.errors[1] if self.errors[1] else math.inf
 
     def deviation(self, expected: float) -> float:
-        """Return how far the order is from one that is expected; NaN where there is no slope."""
-        sloped = all(math.isfinite(error) and error > 0.0 for error in self.errors)
-        return abs(self.order - expected) if sloped else math.nan
+        """Return how far the logarithmic slope is from an order; NaN where there is none."""
+        if not all(math.isfinite(error) and error > 0.0 for error in self.errors):
+            return math.nan
+        return abs(float(np.polyfit(np.log(self.steps), np.log(self.errors), 1)[0]) - expected)
 
 
 def studied(scenario: Scenario) -> Scenario:
-    """Return the scenario cut to half a second after its last breakpoint, at least 2 s.
-
-    What is required later than that goes.
-    """
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
     last = max((*scenario.breakpoints, 1.5))
     duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
     if duration >= scenario.duration:
@@ -78,9 +67,11 @@ def difference(run: Trajectory, reference: Trajectory) -> float:
     return float(np.abs(run.state[index] - reference.state).max())
 
 
-def continuous_study(scenario: Scenario, controller: Controller, reference: Trajectory) -> Study:
+def continuous_study(
+    scenario: Scenario, controller: Controller, reference: Trajectory, **how: Any
+) -> Study:
     """Return the error of continuous mode, over `STEPS`, from the ODE reported every STEPS[0]."""
-    runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h) for h in STEPS)
+    runs = (simulate_mujoco(scenario, controller, "continuous", timestep=h, **how) for h in STEPS)
     return Study(STEPS, tuple(difference(run, reference) for run in runs))
 
 
@@ -90,10 +81,7 @@ def sampled_study(
     reference: Trajectory,
     steps: tuple[float, ...] = STEPS,
 ) -> tuple[Study, float]:
-    """Return the error of sampled mode against the ODE, over steps, and Richardson's residue.
-
-    The residue is the error of the extrapolation from the two smallest steps.
-    """
+    """Return the error of sampled mode over steps, and of extrapolation from the last two."""
     on_grid = np.isin(np.round(reference.time / STEPS[0], 6) % 1.0, (0.0, 1.0))
     wanted = reference.time[on_grid]
     states = []
@@ -130,7 +118,11 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     """Return the error of `mj_step` without force, from -60 degrees, against (P3), (P4)."""
     p = CartPoleParameters(cart_mass=0.7, pole_mass=0.2, half_length=0.4, gravity=9.7)
     start = np.array([0.1, -np.pi / 3, 0.2, 0.3])
-    truth = _free_swing(start, p, 1.0)
+
+    def rate(_: float, state: Floats) -> Floats:
+        return np.concatenate([state[2:], acceleration(state, 0.0, p)])
+
+    truth = last_state(rate, start, 1.0)
     errors = []
     for h in steps:
         model = CartPoleModel(p, timestep=h, integrator=integrator)
@@ -141,22 +133,7 @@ def free_swing_study(integrator: str, steps: Sequence[float]) -> Study:
     return Study(tuple(steps), tuple(errors))
 
 
-def _free_swing(
-    start: NDArray[np.float64], parameters: CartPoleParameters, duration: float
-) -> NDArray[np.float64]:
-    """Return the state after a swing without force, by (P3), (P4)."""
-
-    def rate(_: float, state: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.concatenate([state[2:], acceleration(state, 0.0, parameters)])
-
-    return last_state(rate, start, duration)
-
-
-def last_state(
-    rate: Callable[[float, NDArray[np.float64]], NDArray[np.float64]],
-    start: NDArray[np.float64],
-    duration: float,
-) -> NDArray[np.float64]:
+def last_state(rate: Callable[[float, Floats], Floats], start: Floats, duration: float) -> Floats:
     """Return the state at the end of a smooth problem, by DOP853 to near round-off."""
     solution = solve_ivp(rate, (0.0, duration), start, method="DOP853", rtol=1e-13, atol=1e-14)
     return np.asarray(solution.y[:, -1])

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
@@ -30,15 +29,14 @@ from afl_mujoco.simulation.mujoco_rollout import closed_loop, momenta, simulate_
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.cases import Run
-from afl_mujoco.studies.run import Run as Row
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.run import Run
+from afl_mujoco.studies.verify.cases import Simulated
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
-    Study,
+    Floats,
     continuous_study,
-    difference,
     sampled_study,
     schedule_study,
     studied,
@@ -47,8 +45,7 @@ from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- the error budget ---------------------------------------------------------------------------
 
-SUBSTEPS = 2
-"""RK4 steps in each held step of the parts: their errors cancel in the differences."""
+SUBSTEPS = 2  # RK4 steps in each held step of the parts: their errors cancel in the differences
 
 SOURCES: Mapping[str, str] = {
     "control_hold": "inputs held",
@@ -96,51 +93,41 @@ class ErrorBudget(Parts):
         return self.residual / self.total if self.total else 0.0
 
 
-def budget_curves(
+def error_budget(
     scenario: Scenario,
     controller: Controller,
     runs: Mapping[str, Trajectory],
     substeps: int = SUBSTEPS,
-) -> dict[str, NDArray[np.float64]]:
-    """Return total, parts and residual as curves, shape (N, states) each, at each step."""
+) -> ErrorBudget | None:
+    """Return the budget of a case from its runs; None if one did not reach its end."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
-        return {}
+        return None
     settings = runs["mujoco sampled"].provenance["settings"]
-    timestep, period = settings["timestep"], settings["control_period"]
-    grid = runs["mujoco sampled"].time
+    times, period = runs["mujoco sampled"].time, settings["control_period"]
 
-    def part(holds: Holds) -> NDArray[np.float64] | None:
-        run = simulate_ode_held(
-            scenario, controller, timestep=timestep, holds=holds, substeps=substeps
-        )
-        return _at(run, grid)
+    def part(**holds: Any) -> Trajectory:
+        how: Any = {"timestep": settings["timestep"], "holds": Holds(**holds)}
+        return simulate_ode_held(scenario, controller, **how, substeps=substeps)
 
-    curves = {name: _at(run, grid) for name, run in runs.items()}
-    followed = part(Holds())
+    followed = part()
     changes = any(schedule.breakpoints for schedule in scenario.schedule.values())
     held = {
-        "control_hold": part(Holds(control_period=period)),
-        "schedule_sampling": part(Holds(schedule=True)) if changes else followed,
-        "disturbance_timing": part(Holds(disturbance=True)) if scenario.disturbances else followed,
+        "control_hold": part(control_period=period),
+        "schedule_sampling": part(schedule=True) if changes else followed,
+        "disturbance_timing": part(disturbance=True) if scenario.disturbances else followed,
     }
-    if any(curve is None for curve in (followed, *curves.values(), *held.values())):
-        return {}
-    total = curves["mujoco sampled"] - curves["ode"]  # type: ignore[operator]
+    every = {**runs, **held, "followed": followed}
+    rows = {name: np.searchsorted(run.time, times - 1e-9) for name, run in every.items()}
+    if any(rows[name][-1] >= len(run.time) for name, run in every.items()):
+        return None
+    at = {name: run.state[rows[name]] for name, run in every.items()}
+    total = at["mujoco sampled"] - at["ode"]
     parts = {
-        "model_form": curves["mujoco exact"] - curves["ode"],  # type: ignore[operator]
-        "integrator": curves["mujoco sampled"] - curves["ode held"],  # type: ignore[operator]
-        **{name: curve - followed for name, curve in held.items()},  # type: ignore[operator]
+        "model_form": at["mujoco exact"] - at["ode"],
+        "integrator": at["mujoco sampled"] - at["ode held"],
+        **{name: at[name] - at["followed"] for name in held},
     }
-    return {"total": total, **parts, "residual": total - sum(parts.values())}
-
-
-def error_budget(
-    scenario: Scenario,
-    controller: Controller,
-    times: NDArray[np.float64],
-    curves: Mapping[str, NDArray[np.float64]],
-) -> ErrorBudget:
-    """Return the budget of curves at some instants [s]."""
+    curves = {"total": total, **parts, "residual": total - sum(parts.values())}
     row, column = np.unravel_index(np.abs(curves["total"]).argmax(), curves["total"].shape)
     signed = {name: float(curve[row, column]) for name, curve in curves.items()}
     state, units = scenario.plant.states[column], scenario.plant.units
@@ -152,40 +139,25 @@ def error_budget(
     )
 
 
-def _at(run: Trajectory, grid: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the states at the instants of the grid; None if the run did not reach its end."""
-    index = np.searchsorted(run.time, grid - 1e-9)
-    return run.state[index] if index[-1] < len(run.time) else None
-
-
 # --- the ledger of energy and momentum ------------------------------------------------------------
 
-SAMPLE_PERIOD = 0.1
-"""Spacing of the instants at which the ledger is closed [s]."""
-
+SAMPLE_PERIOD = 0.1  # spacing of the instants at which the ledger is closed [s]
 _WORK, _RAMP_ENERGY, _IMPULSE, _RAMP_MOMENTUM, _JUMP_ENERGY, _JUMP_MOMENTUM = range(4, 10)
 
 
 def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
-    """Return the energy [J] and momentum along z [N s] that MuJoCo gained and nothing accounts for.
-
-    Each is the largest along a run in exact mode. Work and impulse are those of the forces that
-    MuJoCo applied; energy and momentum are MuJoCo's own; what a parameter change adds is booked by
-    the analytic energy and momentum.
-    """
+    """Return the energy [J] and momentum [N s] that MuJoCo gained and nothing accounts for."""
     model = SimulatedModel(scenario.plant, edit=_measure_energy)
     rate = closed_loop(model, scenario, controller)
     arrive = transition(model, scenario)
 
-    def derivative(time: float, state: NDArray[np.float64], segment: Segment) -> Sequence[float]:
+    def derivative(time: float, state: Floats, segment: Segment) -> Sequence[float]:
         motion = rate(time, state, segment)
         force = float(model.mj_data.ctrl[0] + model.mj_data.qfrc_applied[0])
         energy, momentum = _ramp_power(scenario, state, time, segment)
         return (*motion, force * state[2], energy, force, momentum, 0.0, 0.0)
 
-    def book(
-        state: NDArray[np.float64], before: Segment | None, after: Segment
-    ) -> NDArray[np.float64]:
+    def book(state: Floats, before: Segment | None, after: Segment) -> Floats:
         arrived = arrive(state, before, after)
         new = _parameters(scenario, after, after.start)
         was, now = state[:4], arrived[:4]
@@ -201,13 +173,8 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
     criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
     solver = scipy_solver(derivative, criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
-    booked = np.stack(
-        [
-            states[:, [_WORK, _RAMP_ENERGY, _JUMP_ENERGY]].sum(axis=1),
-            states[:, [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]].sum(axis=1),
-        ],
-        axis=1,
-    )
+    accounts = [_WORK, _RAMP_ENERGY, _JUMP_ENERGY], [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]
+    booked = np.stack([states[:, one].sum(axis=1) for one in accounts], axis=1)
     measured = np.array(
         [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=False)]
     )
@@ -216,16 +183,15 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
 
 
 def _measured(
-    model: SimulatedModel, scenario: Scenario, time: float, state: NDArray[np.float64]
+    model: SimulatedModel, scenario: Scenario, time: float, state: Floats
 ) -> tuple[float, float]:
-    """Return MuJoCo's own energy [J] and momentum along z [N s]."""
     model.write(scenario.values_at(time))
     momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
     return float(model.mj_data.energy.sum()), float(momentum[0])
 
 
 def _ramp_power(
-    scenario: Scenario, state: NDArray[np.float64], time: float, segment: Segment
+    scenario: Scenario, state: Floats, time: float, segment: Segment
 ) -> tuple[float, float]:
     """Return what the ramps add per second to energy [W] and momentum [N] at fixed velocities."""
     _, phi, z_dot, phi_dot = state[:4].tolist()
@@ -244,7 +210,6 @@ def _parameters(scenario: Scenario, segment: Segment, time: float) -> CartPolePa
 
 
 def _measure_energy(spec: mujoco.MjSpec) -> None:
-    """Make MuJoCo compute its energy."""
     spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_ENERGY
 
 
@@ -256,11 +221,7 @@ CAPSULE_EXCESS = 0.13
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Omission:
-    """What the paper's treatment of changing parameters leaves out (decision D9).
-
-    Each value is the largest change of any state at any instant [m, rad, m/s, rad/s], in the ODE;
-    None if one run fell and the other did not.
-    """
+    """What frozen M and l leave out (decision D9): change of any state, None if one fell."""
 
     scenario: str
     controller: str
@@ -268,8 +229,7 @@ class Omission:
     momenta_kept: float | None  # of momenta kept at steps instead, M and l frozen otherwise
 
 
-SPARSE = 0.02
-"""Spacing of the instants of a replay [s]."""
+SPARSE = 0.02  # spacing of the instants of a replay [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,8 +246,8 @@ class Judged(NamedTuple):
     """What is found of one case."""
 
     checks: tuple[Check, ...]
-    runs: tuple[Run, ...]
-    row: Row
+    runs: tuple[Simulated, ...]
+    row: Run
     moving: tuple[Array, Array]  # the run as deployed on the ideal loop, for its replay
     budget: ErrorBudget | None = None
     omission: Omission | None = None
@@ -304,15 +264,10 @@ def moving(run: Trajectory) -> tuple[Array, Array]:
 def explain(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory], *, full: bool
 ) -> tuple[tuple[Check, ...], ErrorBudget | None, Omission | None]:
-    """Explain the runs of one case: by the error budget, in full by all that this file has.
-
-    The studies end half a second after the last breakpoint; the error budget covers the whole run.
-    """
+    """Explain the runs of one case: by the error budget, in full by all that this file has."""
     if any(run.outcome.kind != COMPLETED for run in runs.values()):
         return (), None, None
-    times, names = runs["mujoco sampled"].time, (scenario.name, controller.name)
-    parts = budget_curves(scenario, controller, runs)
-    budget = error_budget(scenario, controller, times, parts) if parts else None
+    names, budget = (scenario.name, controller.name), error_budget(scenario, controller, runs)
     values = {} if budget is None else {"B5": budget.residual_share}
     if not full:
         return judged(values, *names), budget, None
@@ -344,7 +299,10 @@ def _omission(
     def ode(dynamics: str, jumps: str) -> Trajectory:
         return simulate_ode(scenario, controller, sample_period=h, dynamics=dynamics, jumps=jumps)
 
-    stretching, kept = ode(STRETCHING_ROD, VELOCITIES), ode(QUASI_STATIC, MOMENTA)
+    def matters(dynamics: str, jumps: str) -> float | None:
+        found = state_difference(ode(dynamics, jumps), paper)
+        return found if math.isfinite(found) else None
+
     exact = simulate_mujoco(
         scenario, controller, "exact", timestep=h, dynamics=STRETCHING_ROD, jumps=MOMENTA
     )
@@ -352,14 +310,9 @@ def _omission(
     return agreement, Omission(
         scenario=scenario.name,
         controller=controller.name,
-        stretching_rod=_finite(state_difference(stretching, paper)),
-        momenta_kept=_finite(state_difference(kept, paper)),
+        stretching_rod=matters(STRETCHING_ROD, VELOCITIES),
+        momenta_kept=matters(QUASI_STATIC, MOMENTA),
     )
-
-
-def _finite(value: float) -> float | None:
-    """Return a difference, None if it is not finite."""
-    return value if math.isfinite(value) else None
 
 
 def plateau_check() -> Check:
@@ -371,11 +324,5 @@ def plateau_check() -> Check:
         spec.joint("phi").armature = excess
 
     reference = simulate_ode(scenario, controller, sample_period=STEPS[0])
-    errors = tuple(
-        difference(
-            simulate_mujoco(scenario, controller, "continuous", timestep=h, edit=thicken),
-            reference,
-        )
-        for h in STEPS
-    )
-    return CRITERIA["B6d"].judge(abs(1.0 - Study(STEPS, errors).reduction))
+    study = continuous_study(scenario, controller, reference, edit=thicken)
+    return CRITERIA["B6d"].judge(abs(1.0 - study.reduction))

@@ -12,8 +12,8 @@ from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED
-from afl_mujoco.studies.cases import DEPLOYED
-from afl_mujoco.studies.tables import as_file, grouped, how, replay, requirements_matrix
+from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
+from afl_mujoco.studies.verify.cases import DEPLOYED
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import SOURCES
@@ -21,11 +21,8 @@ from afl_mujoco.studies.verify.explanation import SOURCES
 if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
-PICTURED = "step-step"
-"""The scenario whose runs are shown first, if it is there."""
-
-PERCENT = " [%]"
-"""Ending of the quantity of a claim that is drawn on the axis."""
+PICTURED = "step-step"  # the scenario whose runs are shown first, if it is there
+PERCENT = " [%]"  # ending of the quantity of a claim that is drawn on the axis
 
 
 def report(result: Result) -> Report:
@@ -42,7 +39,6 @@ def report(result: Result) -> Report:
 
 
 def _headline(result: Result) -> str:
-    """Say whether the codes agree, what is missed, and how many of the paper's claims hold."""
     total, failed = len(result.checks), result.failed_checks
     said = [f"CODES AGREE {total}/{total}"]
     if failed or not total:
@@ -63,13 +59,10 @@ def _headline(result: Result) -> str:
         if run.outcome != COMPLETED and (run.scenario, run.controller) not in named
     ]
     if ended:
-        one_run, (cases, all_cases) = (
-            ended[0],
-            ({(run.scenario, run.controller) for run in runs} for runs in (ended, result.runs)),
-        )
+        cases, of = (len({(x.scenario, x.controller) for x in y}) for y in (ended, result.runs))
         said.append(
-            f"{len(cases)} of {len(all_cases)} cases did not complete: {one_run.scenario} with "
-            f"{one_run.controller} {one_run.outcome}, {one_run.simulator}"
+            f"{cases} of {of} cases did not complete: {ended[0].scenario} with "
+            f"{ended[0].controller} {ended[0].outcome}, {ended[0].simulator}"
         )
     if result.claims:
         groups = [GROUPS[kind(claim.verdict)][1] for claim in result.claims]
@@ -95,7 +88,6 @@ def _requirements(result: Result) -> list[Block]:
 
 
 def _replay(result: Result, scenario: Scenario) -> Replay:
-    """Return a scenario under each controller, as deployed."""
     deployed = [x for x in result.runs if (x.scenario, x.simulator) == (scenario.name, DEPLOYED)]
     endings = {run.controller: run.outcome for run in deployed}
     moving = {name: result.curves[f"{scenario.name}/{name}"] for name in endings}
@@ -103,12 +95,10 @@ def _replay(result: Result, scenario: Scenario) -> Replay:
 
 
 def _number(result: Result, scenario: Scenario) -> int:
-    """Return the number of a scenario, from 1."""
     return [one.name for one in result.scenarios].index(scenario.name) + 1
 
 
 def _claims(result: Result) -> Section:
-    """Return the paper's claims beside what is found here."""
     return Section(
         "The paper's claims",
         "claims",
@@ -117,13 +107,8 @@ def _claims(result: Result) -> Section:
                 caption="C9 to C12, and what readings say of C3 to C6, come with the package",
                 columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
                 rows=[
-                    (
-                        one.id,
-                        one.claim,
-                        _counted(one, one.paper, 4),
-                        _counted(one, one.here, 3),
-                        Cell(one.verdict, GROUPS[kind(one.verdict)][0]),
-                    )
+                    (one.id, one.claim, _counted(one, one.paper, 4), _counted(one, one.here, 3),
+                     Cell(one.verdict, GROUPS[kind(one.verdict)][0]))
                     for one in result.claims
                 ],
             ),
@@ -142,7 +127,7 @@ def _claims(result: Result) -> Section:
                 folded="What is compared, and why the verdict",
             ),
         ],
-    )
+    )  # fmt: skip
 
 
 def _draw_claims(result: Result) -> Any:
@@ -170,7 +155,6 @@ def _draw_claims(result: Result) -> Any:
 
 
 def _counted(claim: Claim, value: float | None, digits: int) -> str:
-    """Return a number of a claim with its unit."""
     unit = re.search(r"\[([^]]*)\]$", claim.figure)
     return f"{short(value, digits)} {unit[1]}" if unit and value is not None else short(value)
 
@@ -211,7 +195,6 @@ def _checks(result: Result) -> Section:
 
 
 def _value(value: float | None) -> str:
-    """Return a judged value as text."""
     if value is None:
         return "none"
     return short(value, 2) if value == 0.0 or 1e-2 <= abs(value) < 1e3 else scientific(value)
@@ -225,7 +208,6 @@ def _margin(check: Check) -> str:
 
 
 def _budget(result: Result) -> Section:
-    """Return why a run as deployed differs from the ideal equations."""
     budgets = result.error_budgets
     worst = max(budgets, key=lambda budget: abs(budget.at_worst.total))
     at, parts = worst.at_worst, {**SOURCES, "residual": "not explained", "total": "total"}
@@ -238,20 +220,16 @@ def _budget(result: Result) -> Section:
                 f"{symbol(at.state)} [{at.unit}] at {short(at.time)} s",
                 columns=("Source", "There", "Largest in any run"),
                 rows=[
-                    (
-                        words,
-                        scientific(getattr(at, name)),
-                        scientific(max(getattr(one, name) for one in budgets)),
-                    )
-                    for name, words in parts.items()
+                    (words, scientific(getattr(at, x)),
+                     scientific(max(getattr(one, x) for one in budgets)))
+                    for x, words in parts.items()
                 ],
             ),
         ],
-    )
+    )  # fmt: skip
 
 
 def _omissions(result: Result) -> Section:
-    """Return how much it matters that the paper freezes M and l in its equations."""
     table = Matrix(
         caption="Largest change of any state (SI)",
         columns=("Scenario", "Controller", "Terms in l′", "Momenta kept at steps"),
@@ -265,7 +243,6 @@ def _omissions(result: Result) -> Section:
 
 
 def _growths(result: Result) -> Section:
-    """Return how far the codes are apart over whole runs, beside how much a difference grows."""
     table = Matrix(
         caption="Shown, not judged: an unstable plant amplifies round-off; B1r restarts",
         columns=(

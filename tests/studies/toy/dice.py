@@ -7,8 +7,8 @@ from functools import partial
 from typing import Any
 
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.contract import Progress, ScenarioNames, Study, silent
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, silent
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,9 +17,9 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant, load_plant
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.requirements import Requirements
-from afl_mujoco.studies.arrays import packed, unpacked
-from afl_mujoco.studies.cases import REPORTED, Settings
+from afl_mujoco.studies.shared.arrays import packed, unpacked
 from afl_mujoco.studies.validate import Options, Request, Result, prepare, report, run
+from afl_mujoco.studies.verify.cases import REPORTED, Settings
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 LQR = afl.CONTROLLERS["lqr"]

@@ -10,8 +10,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-from afl_mujoco.studies.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify import checks
+from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.criteria import CRITERIA
 
 RIGHT = 0.97  # of a range that thousands of draws fill

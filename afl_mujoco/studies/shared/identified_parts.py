@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Starts
-from afl_mujoco.studies.arrays import Array
+from afl_mujoco.studies.shared.arrays import Array
 
 Values = NDArray[np.float64]
 
@@ -36,9 +36,8 @@ def shown_of(
     log: Log, starts: Starts, read: Values, values: dict[str, float], number: int = 0
 ) -> Shown:
     """Return a log, by its number among the logs, beside its predictions, one after the other."""
-    w, first = starts.windows, starts.past - 1
+    w, first, turn = starts.windows, starts.past - 1, 2.0 * np.pi
     scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
-    turn = 2.0 * np.pi
     chosen, free_from = [], -np.inf
     for b in np.flatnonzero(w.log == number).tolist():
         if w.time[b, first] >= free_from - 1e-9:
@@ -66,10 +65,7 @@ def draw_log(
     simulated: Sequence[tuple[Values, Values, Values]] = (),
     bands: Values | None = None,
 ) -> Any:
-    """Draw a log, and simulations that start from its readings: time, position and angle of each.
-
-    Bands are times since a start [s] and half-widths about position and angle, shape (3, H).
-    """
+    """Draw a log and simulations; bands are times [s] and half-widths about both, shape (3, H)."""
     from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 
     figure = new_figure(9.0, 7.0)

@@ -1,6 +1,7 @@
-"""The parts of every study: options, a run, a result kept as JSON, and what it shows.
+"""The parts of every study, and which studies there are.
 
-A study is a module of this folder. Its first line is what the list of commands says of it; it has
+A study is a module of `afl_mujoco.studies`. Its first line is what the list of commands says of it;
+it has
 
 ``Options``
     A frozen dataclass, the options of the command, each with a default; ``quick`` is one of them in
@@ -29,14 +30,18 @@ from __future__ import annotations
 import importlib
 import inspect
 import itertools
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
+import afl_mujoco.studies as package
 from afl_mujoco.control.names import KNOWN, REFERENCE, SUBJECT
+from afl_mujoco.errors import UnknownNameError
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Report
 
@@ -83,10 +88,7 @@ def silent(doing: str, done: int, total: int) -> None:
 def counted(
     progress: Progress, doing: str, total: int, names: Sequence[str] = ()
 ) -> Callable[[Any], None]:
-    """Return a function that reports one more part done at each call.
-
-    Its argument is the name of the part, or its place among the names if there are any.
-    """
+    """Return what reports one more part done, by its name or its place among the names."""
     done = itertools.count(1)
 
     def advance(part: Any) -> None:
@@ -122,7 +124,6 @@ class Study:
     stem: str = ""  # beginning of its file names; its name by default
 
     def __post_init__(self) -> None:
-        """Name the files after the study unless a stem is given."""
         object.__setattr__(self, "stem", self.stem or self.name)
 
     @property
@@ -185,15 +186,60 @@ class Study:
 
     def unlist_films(self, folder: Path, kept: Sequence[Path]) -> None:
         """Remove the films of an earlier run, except those that were just made."""
-        if not self._part("films"):
-            return
-        from afl_mujoco.films.listing import unlist_films
+        if self._part("films"):
+            from afl_mujoco.films.listing import unlist_films
 
-        names = {path.name for path in kept}
-        unlist_films(
-            folder, lambda one: one.command.startswith(self.command) and one.file not in names
-        )
+            own, names = self.command, {path.name for path in kept}
+            unlist_films(folder, lambda x: x.command.startswith(own) and x.file not in names)
 
     def _part(self, name: str) -> Any:
-        """Return what its module has by a name, None if it has nothing."""
         return getattr(importlib.import_module(self.module), name, None)
+
+
+# --- which studies there are ---------------------------------------------------------------------
+
+_STUDY = re.compile(r"^STUDY = Study\((.*?)\)$", re.S | re.M)
+_GIVEN = re.compile(r"\b(name|order|stem)=\"?(\w+)")
+
+
+class Listed(NamedTuple):
+    """A study before it is imported."""
+
+    order: int
+    name: str
+    module: str
+    summary: str  # its first line
+    stem: str  # beginning of its file names
+
+
+def listed() -> dict[str, Listed]:
+    """Return the studies by name, in the order of a report, without importing one."""
+    return {one.name: one for one in _found(tuple(package.__path__))}
+
+
+def studies() -> dict[str, Study]:
+    """Return the studies by name, in the order of a report."""
+    return {name: find_study(name) for name in listed()}
+
+
+def find_study(name: str) -> Study:
+    """Return a study by its name."""
+    known = listed()
+    if name not in known:
+        raise UnknownNameError.among("study", name, known)
+    study: Study = importlib.import_module(known[name].module).STUDY
+    return study
+
+
+@cache
+def _found(folders: tuple[str, ...]) -> list[Listed]:
+    found = []
+    for path in (path for folder in folders for path in Path(folder).glob("*.py")):
+        text = path.read_text(encoding="utf-8")
+        if named := _STUDY.search(text):
+            module, summary = f"{package.__name__}.{path.stem}", text.splitlines()[0].strip('"')
+            given: dict[str, str] = dict(_GIVEN.findall(named[1]))
+            name = given["name"]
+            stem = given.get("stem", name)
+            found.append(Listed(int(given["order"]), name, module, summary, stem))
+    return sorted(found)

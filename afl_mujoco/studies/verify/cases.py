@@ -25,9 +25,7 @@ from afl_mujoco.values import require_distinct
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
 
-DEPLOYED = "mujoco sampled"
-"""The simulator in which requirements are judged."""
-
+DEPLOYED = "mujoco sampled"  # the simulator in which requirements are judged
 DECISIVE = "mujoco continuous"
 """The simulator whose metrics count: the controller as published, in MuJoCo."""
 
@@ -45,7 +43,7 @@ Case = tuple[Scenario, Controller, Settings]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Run:
+class Simulated:
     """One case in one simulator: how it ended, and its metrics."""
 
     scenario: str
@@ -53,11 +51,6 @@ class Run:
     simulator: str
     outcome: str
     metrics: Metrics
-
-
-def case_name(case: Case) -> str:
-    """Return the name of a case in a progress bar."""
-    return f"{case[0].name} / {case[1].name}"
 
 
 def closed_loop_runs(
@@ -78,10 +71,10 @@ def closed_loop_runs(
 
 def reported_runs(
     scenario: Scenario, controller: Controller, runs: Mapping[str, Trajectory]
-) -> tuple[Run, ...]:
+) -> tuple[Simulated, ...]:
     """Return the runs of `REPORTED` with their metrics, except the objective."""
     return tuple(
-        Run(
+        Simulated(
             scenario=scenario.name,
             controller=controller.name,
             simulator=name,

@@ -16,7 +16,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 def _store(array: NDArray[Any], info: SerializationInfo) -> str:
-    """Store an array, and return a placeholder that differs from any text of a result."""
+    """Return a placeholder that differs from any text of a result."""
     context: Any = info.context
     mark = f"\0{len(context)}"
     context[mark] = np.asarray(array)
@@ -24,7 +24,6 @@ def _store(array: NDArray[Any], info: SerializationInfo) -> str:
 
 
 def _fetch(value: Any, info: ValidationInfo) -> NDArray[Any]:
-    """Return an array by its name."""
     arrays: Any = info.context or {}
     if not isinstance(value, str) or value not in arrays:
         raise ValueError(f"must be the name of an array of the npz, got {value!r}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from statistics import median
 from typing import Any
@@ -17,8 +17,8 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.metrics import effort_names, label_of, unit_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout
-from afl_mujoco.studies.arrays import Array
-from afl_mujoco.studies.run import Run
+from afl_mujoco.studies.shared.arrays import Array
+from afl_mujoco.studies.shared.run import Run
 
 ENDINGS = {
     FELL: "falls",
@@ -29,8 +29,7 @@ ENDINGS = {
 }
 """How runs fail that do not miss a limit."""
 
-NEVER = "never"
-"""Value of a requirement to settle that a run never meets."""
+NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
 def how(failure: str) -> str:
@@ -38,13 +37,12 @@ def how(failure: str) -> str:
     return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
 
 
-def replay(
-    name: str,
-    scenario: Scenario,
-    runs: Mapping[str, tuple[Array, Array]],
-    endings: Mapping[str, str],
-) -> Replay:
-    """Return runs that a page replays, by controller: instants [s] and states, and how it ended."""
+Moving = Mapping[str, tuple[Array, Array]]
+"""Instants [s] and states by controller."""
+
+
+def replay(name: str, scenario: Scenario, runs: Moving, endings: Mapping[str, str]) -> Replay:
+    """Return runs that a page replays, and how each ended."""
     early = {name: words for name, words in endings.items() if words != COMPLETED}
     return Replay(
         name=name,
@@ -56,7 +54,6 @@ def replay(
 
 
 def _replayed(*arguments: Any) -> Mapping[str, Any]:
-    """Return what a page needs for a replay."""
     from afl_mujoco.simulation.poses import replay_data  # not before MuJoCo may be imported
 
     return replay_data(*arguments)
@@ -77,30 +74,12 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
     return found
 
 
-def spread(values: Sequence[float | None], digits: int = 3) -> str:
-    """Return a number, of several draws the median, with the range in brackets."""
-    known = [value for value in values if value is not None]
-    if not known:
-        return MISSING
-    text = short(median(known), digits)
-    if len(values) > 1 and min(known) < max(known):
-        text += f" ({short(min(known), digits)} to {short(max(known), digits)})"
-    return text
-
-
 def asked(one: Judgement, scenario: Scenario) -> str:
     """Return what a requirement of a scenario asks for."""
     known = asked_of(scenario.plant)[one.requirement]
     if one.requirement == "completes":
         return known.words
     return f"{known.words} {short(one.limit)} {known.unit}".rstrip()
-
-
-def needs_of(scenario: Scenario) -> list[str]:
-    """Return what a run needs of its hardware, shown where no requirement limits it."""
-    plant = scenario.plant
-    efforts = [x for name in plant.inputs for x in (f"max.{name}_command", f"max.{name}")]
-    return [*(f"max.{name}" for name in plant.coordinates), *efforts]
 
 
 def titled(metric: str, layout: Layout = LAYOUT) -> str:
@@ -112,17 +91,13 @@ def titled(metric: str, layout: Layout = LAYOUT) -> str:
 Graded = Mapping[str, Sequence[tuple[int, str]]]
 """Rows of cells, each a grade and a text, by the label of the row."""
 
-MARKED: Mapping[int, Status] = {0: "bad", 1: "neutral"}
-"""Status of the cells of the worst grades."""
+MARKED: Mapping[int, Status] = {0: "bad", 1: "neutral"}  # status of the cells of the worst grades
 
 
 def graded(
     name: str, title: str, caption: str, columns: Sequence[str], cells: Graded, words: Sequence[str]
 ) -> list[Block]:
-    """Return cells as a figure in the colours of their grades, and as a table.
-
-    A grade is an index into `words`, worst first; the first column names the rows.
-    """
+    """Return cells of grades, indices into `words`, worst first, as a figure and a table."""
     grades = [[grade for grade, _ in row] for row in cells.values()]
     texts = [[text for _, text in row] for row in cells.values()]
     return [
@@ -130,7 +105,7 @@ def graded(
             name=name,
             title=title,
             caption=caption,
-            draw=later("heat", [*cells], columns[1:], grades, texts, words),
+            draw=partial(heat, [*cells], columns[1:], grades, texts, words),
         ),
         Matrix(
             caption=f"{title}. {caption}",
@@ -141,16 +116,11 @@ def graded(
     ]  # fmt: skip
 
 
-def later(figure: str, *arguments: Any, **options: Any) -> Callable[[], Any]:
-    """Return what draws a figure of `report.figures`, which is imported no earlier."""
-    return partial(_draw, figure, arguments, options)
-
-
-def _draw(figure: str, arguments: Sequence[Any], options: Mapping[str, Any]) -> Any:
-    """Draw a figure of `report.figures`."""
+def heat(*arguments: Any) -> Any:
+    """Draw `report.figures.heat`, which is imported no earlier."""
     from afl_mujoco.report import figures
 
-    return getattr(figures, figure)(*arguments, **options)
+    return figures.heat(*arguments)
 
 
 Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
@@ -160,33 +130,31 @@ Figures = Mapping[str, Sequence[Mapping[str, float | None]]]
 def requirements_matrix(
     scenario: Scenario, draws: Mapping[str, Sequence[Run]], metrics: Figures
 ) -> Matrix:
-    """Return requirements by controllers: values, margins, whether they are met; needs below.
-
-    Of several draws the cells have the medians.
-    """
+    """Return values and margins, of several draws the medians, by controllers; needs below."""
     names = dict.fromkeys(
         one.requirement for runs in draws.values() for run in runs for one in run.requirements
     )
     rows: list[list[Cell | str]] = []
     known, plant = asked_of(scenario.plant), scenario.plant
     for name in [key for key in known if key in names]:
-        cells: list[Cell | str] = []
-        label = name
+        label, cells = name, list[Cell]()
         for runs in draws.values():
             judged = [one for run in runs for one in run.requirements if one.requirement == name]
             label = asked(judged[0], scenario) if judged else label
             cells.append(_cell(name, runs, judged))
         rows.append([label, *cells])
     rows.append(["at rest for the last second", *(_settled(runs) for runs in draws.values())])
-    needs = [known[name].metric for name in needs_of(scenario) if name not in names]
-    layout = Layout.of(scenario)
+    # what a run needs of its hardware, shown where no requirement limits it
+    efforts = [x for name in plant.inputs for x in (f"max.{name}_command", f"max.{name}")]
+    needed = [*(f"max.{name}" for name in plant.coordinates), *efforts]
+    needs = [known[name].metric for name in needed if name not in names]
     limited = [effort_names(plant.inputs, name)[-1] for name in plant.inputs]
     for name in [*needs, *limited]:
         found = [[x for one in some if (x := one.get(name)) is not None]
                  for some in metrics.values()]  # fmt: skip
         if any(found):
-            cells = [short(median(x), 3) if x else MISSING for x in found]
-            rows.append([titled(name, layout), *cells])
+            middle = (short(median(x), 3) if x else MISSING for x in found)
+            rows.append([titled(name, Layout.of(scenario)), *middle])
     several = any(len(runs) > 1 for runs in draws.values())
     return Matrix(
         caption=f"{scenario.name}: value (margin)"
@@ -197,7 +165,6 @@ def requirements_matrix(
 
 
 def _settled(runs: Sequence[Run]) -> str:
-    """Return how many runs settled."""
     count = sum(run.settled for run in runs)
     return ("no", "yes")[count] if len(runs) == 1 else f"{count} of {len(runs)}"
 
@@ -218,12 +185,9 @@ def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
     if not values:
         return Cell((NEVER if any(one.graded is not None for one in judged) else MISSING) + share,
                     status)  # fmt: skip
-    text = short(median(values), 3)
-    if margins:
-        text += f" ({percent(median(margins))})"
-    if any(one.limited for one in judged):  # so that the margin is the drive's
-        text += " limited"
-    return Cell(text + share, status)
+    text = short(median(values), 3) + (f" ({percent(median(margins))})" if margins else "")
+    limited = any(one.limited for one in judged)  # so that the margin is the drive's
+    return Cell(text + " limited" * limited + share, status)
 
 
 def metrics_matrix(
@@ -235,10 +199,19 @@ def metrics_matrix(
     layout: Layout = LAYOUT,
 ) -> Matrix:
     """Return metrics by controllers; of several draws the medians, with the ranges in brackets."""
+
+    def spread(values: Sequence[float | None]) -> str:
+        known = [value for value in values if value is not None]
+        if not known:
+            return MISSING
+        ends = (min(known), max(known)) if len(values) > 1 and min(known) < max(known) else ()
+        text = " to ".join(short(end, digits) for end in ends)
+        return short(median(known), digits) + (f" ({text})" if text else "")
+
     rows = [
         [
             titled(name, layout),
-            *(spread([one.get(name) for one in draws], digits) for draws in metrics.values()),
+            *(spread([one.get(name) for one in some]) for some in metrics.values()),
         ]
         for name in shown
     ]

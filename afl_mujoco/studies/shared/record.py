@@ -29,13 +29,11 @@ from afl_mujoco.pool import compute_all, interrupts_put_off, is_interrupt, open_
 from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
-from afl_mujoco.studies.arrays import packed, unpacked
-from afl_mujoco.studies.contract import Progress, Study, counted, silent
-from afl_mujoco.studies.registry import find_study, listed
+from afl_mujoco.studies.shared.arrays import packed, unpacked
+from afl_mujoco.studies.shared.contract import Progress, Study, counted, find_study, listed, silent
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
-
 
 PAGE = "report.html"
 """The page of a folder, removed with an old result: beside a new one it would mislead."""
@@ -46,15 +44,13 @@ HEADER = ("schema", "study", "command", "versions", "inputs", "files")
 
 def versions() -> dict[str, str]:
     """Return the versions that a result depends on."""
-    return {**{name: _version(name) for name in PACKAGES}, "python": platform.python_version()}
-
-
-def _version(name: str) -> str:
-    """Return the version of a package; dm_control may be missing beyond Python 3.12."""
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"
+    found = {}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # dm_control, beyond Python 3.12
+            found[name] = "not installed"
+    return {**found, "python": platform.python_version()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +97,6 @@ def save_record(
     failure: BaseException | None = None
 
     def attempt(deed: Callable[[], None]) -> None:
-        """Do something that must not cost the numbers."""
         nonlocal failure
         try:
             if failure is None:
@@ -148,12 +143,10 @@ def save_partial(record: Record, folder: Path, done: str) -> Path:
 
 
 def _digest(path: Path) -> str:
-    """Return a digest of the content of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _draw(shown: Sequence[Figure | Replay], folder: Path, workers: int, progress: Progress) -> None:
-    """Draw figures, compute replays, and write them into a folder."""
     if not shown:
         return
     advance = counted(progress, "drawing", len(shown))
@@ -162,7 +155,6 @@ def _draw(shown: Sequence[Figure | Replay], folder: Path, workers: int, progress
 
 
 def _write(shown: Figure | Replay, folder: Path) -> None:
-    """Write the files of a figure or a replay."""
     if isinstance(shown, Figure):
         write_figure(shown, folder)
         return
@@ -171,7 +163,7 @@ def _write(shown: Figure | Replay, folder: Path) -> None:
 
 
 def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]) -> str:
-    """Return a record as text, a row a line, or raise if a number is not finite."""
+    """Return a record as text, each of its rows in a line of its own."""
     data = {
         "schema": record.study.schema,
         "study": record.study.name,
@@ -181,13 +173,12 @@ def _as_json(record: Record, result: Mapping[str, Any], files: Mapping[str, str]
         "files": dict(files),
         **result,
     }
-    rows = data.get("rows")
+    mark, rows = "\0rows", data.get("rows")
     if isinstance(rows, list):
-        data["rows"] = mark = "\0rows"
+        data["rows"] = mark
     text = json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    if not isinstance(rows, list):
-        return text
-    lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) for row in rows)
+    each = rows if isinstance(rows, list) else []
+    lines = (json.dumps(row, ensure_ascii=False, allow_nan=False) for row in each)
     return text.replace(json.dumps(mark), "[\n" + ",\n".join(lines) + "\n ]")
 
 
@@ -213,27 +204,19 @@ def load_record(study: Study, folder: Path) -> Record:
                 if _digest(folder / name) != digest:
                     raise ValueError(f"{name} beside it must be unchanged since it was written")
     return Record(
-        study=study,
-        result=result,
-        command=data["command"],
-        versions=versions,
-        inputs=inputs,
+        study=study, result=result, command=data["command"], versions=versions, inputs=inputs,
         files=tuple(files),
-    )
+    )  # fmt: skip
 
 
 def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
-    """Return an object of texts from a header, or raise."""
     if not isinstance(header[key], dict):
         raise ValueError(f"{key} must be an object, got {header[key]!r}")
     return {str(name): str(value) for name, value in header[key].items()}
 
 
 def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None) -> list[Record]:
-    """Return every record in a folder, except one study's; the folder may be missing.
-
-    Those in the folder `ahead` are taken in place of those of the same studies.
-    """
+    """Return every record in a folder but one study's; those `ahead` come first."""
     found = []
     for name, study in listed().items():  # only what is there is imported
         places = [place for place in (ahead, folder) if place is not None]
@@ -270,5 +253,4 @@ def _is_of(study: Study, name: str) -> bool:
 
 
 def _no_number(name: str) -> NoReturn:
-    """Refuse a number that JSON does not have."""
     raise ValueError(f"{name} is not a JSON number")

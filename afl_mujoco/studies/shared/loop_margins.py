@@ -44,9 +44,7 @@ KINK = 1e-3
 """Largest difference between a controller's slopes on either side of its target, relative to its
 largest slope: central differences do not see a kink, whatever their step."""
 
-NOTHING = 1e-9
-"""Share of the largest slope that is the rounding of 0."""
-
+NOTHING = 1e-9  # share of the largest slope that is the rounding of 0
 NO_GAIN = 1e-9
 """Factors of the gain below it, and above its inverse, are rounding errors of 0 and infinity."""
 
@@ -69,10 +67,7 @@ class NotSmoothError(InvalidValueError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
-    """The loop ``x' = A x + B u``, ``u = -K x`` of the deviation x from rest at the target.
-
-    Shapes are (m, m), (m, k) and (k, m): coordinates, their rates, then the lagging inputs.
-    """
+    """x' = A x + B u, u = -K x of coordinates, rates and lagging inputs, away from the target."""
 
     a: Array
     b: Array
@@ -94,12 +89,7 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 
 
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
-    """Return the loop of a controller, as it is deployed, and MuJoCo's plant, at rest.
-
-    The parameters are those of the scenario at its start. Of its imperfections passive physics
-    count, and the lags of the inputs, whose states follow those of the plant. `loop_margins`
-    handles delay, hold and velocities.
-    """
+    """Return the loop at rest, with passive physics and lags; `loop_margins` handles the rest."""
     plant, r = scenario.plant, linear_part(scenario.imperfections)
     model = SimulatedModel(plant, imperfections=r)
     model.write(scenario.values_at(0.0))
@@ -123,10 +113,9 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
         )
         for step in (STEP, COARSER * STEP)
     )
-    disagreement = max(
-        float(np.abs(one - other).max() / max(np.abs(one).max(), 1e-300))
-        for one, other in zip(fine, coarse, strict=True)
-    )
+    gaps = (np.abs(x - y).max() / max(np.abs(x).max(), 1e-300)
+            for x, y in zip(fine, coarse, strict=True))  # fmt: skip
+    disagreement = max(map(float, gaps))
     a, b, k = fine
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
@@ -150,18 +139,18 @@ def require_rest(thing: str, scenario: Scenario, inputs: Array, model: Simulated
     rule = "must be about an equilibrium: its inputs must hold the plant at its target"
     for name, x, (low, high) in zip(plant.inputs, inputs, scenario.limits, strict=True):
         if not (low <= x <= high and math.isfinite(x)):
-            limits = f"within {low:g} to {high:g}"
-            raise InvalidValueError(thing, f"{rule}, {limits}", f"{name} = {x:g}")
+            within = f"{rule}, within {low:g} to {high:g}"
+            raise InvalidValueError(thing, within, f"{name} = {x:g}")
     target = np.array([*scenario.target, *np.zeros(len(plant.coordinates))])
     for name, x in zip(plant.coordinates, model.accelerations(target, inputs), strict=True):
         if not abs(x) <= REST:
-            rate = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
-            raise InvalidValueError(thing, rule, rate)
+            said = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
+            raise InvalidValueError(thing, rule, said)
     return inputs
 
 
 def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
-    """Return a loop some of whose inputs follow what is commanded with a first-order lag [s]."""
+    """Return a loop whose inputs follow what is commanded with first-order lags [s]."""
     late = [i for i, lag in enumerate(lags) if lag > 0.0]
     order, size = len(loop.a), len(loop.a) + len(late)
     a, b, k = np.zeros((size, size)), np.zeros((size, len(lags))), np.zeros((len(lags), size))
@@ -173,7 +162,6 @@ def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
 
 
 def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
-    """Return the derivative of a function by central differences, shape (outputs, inputs)."""
     ahead, behind = _sides(function, point, step)
     return np.asarray((ahead - behind) / (2.0 * step))
 
@@ -189,10 +177,7 @@ def _sides(function: Callable[[Array], Array], point: Array, step: float) -> lis
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Margins:
-    """What a stable loop tolerates at one input before it becomes unstable, one change at a time.
-
-    Of an unstable plant too little gain destabilises the loop as well as too much.
-    """
+    """What a stable loop tolerates at one input, one change at a time."""
 
     gain_decrease: float  # factor of the loop gain, below 1
     gain_increase: float  # the same, above 1; infinite if no increase destabilises it
@@ -214,37 +199,32 @@ def loop_margins(
     """Return the margins of a loop at each of its inputs, or None if it is not stable.
 
     Without a control period [s] the controller is continuous. With one, the delay of the hold
-    itself, half a period, is no longer part of the margin, and a loop whose delay is a whole number
-    of periods is stable exactly up to the margin; of the imperfections count then the transport
-    delays of the inputs, besides which the delay margin is additional, and how the velocities are
-    measured.
+    itself, half a period, is no longer part of the margin; of the imperfections count then the
+    delays of the inputs, on top of which the margin comes, and how velocities are measured.
     """
     import control
 
     if not (imperfections.differentiated or imperfections.velocity_filter):
         loop = _without_idle(loop)
-    if control_period is None:
-        if not loop.stable:
-            return None
-        parts = _broken(loop.a, loop.b, loop.k)
-        return [_margins(control.ss(a, b, k, 0.0), None) if k.any() else UNTOUCHED
-                for a, b, k in parts]  # fmt: skip
-    period, r = require_positive("control_period", control_period), imperfections
-    a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
-    k = np.hstack([loop.k, np.zeros((len(loop.k), len(a) - len(loop.a)))])
-    if r.differentiated or r.velocity_filter:
-        a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
-    if not np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0:
+    a, b, k, period, r = loop.a, loop.b, loop.k, control_period, imperfections
+    if period is not None:
+        require_positive("control_period", period)
+        a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
+        k = np.hstack([k, np.zeros((len(k), len(a) - len(loop.a)))])
+        if r.differentiated or r.velocity_filter:
+            a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
+    stable = loop.stable if period is None else np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0
+    if not stable:
         return None
-    return [_margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
-            for part in _broken(a, b, k)]  # fmt: skip
+    found = []
+    for part in _broken(a, b, k):
+        one = control.ss(*part, 0.0) if period is None else _bilinear(*part, period)
+        found.append(_margins(one, period) if part[2].any() else UNTOUCHED)
+    return found
 
 
 def _without_idle(loop: Loop) -> Loop:
-    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins.
-
-    They stay where they are put, which takes nothing from the stability of the others.
-    """
+    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins."""
     several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
     kept = np.logical_or(*several) | (np.arange(len(loop.a)) >= loop.coordinates)
     return replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
@@ -257,23 +237,19 @@ def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
 
 
 def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Array, Array]:
-    """Return A and B of the plant from sample to sample, its inputs held in between.
-
-    With a delay [s] from when an input is commanded to when it acts, what is pending follows the
-    states, the latest first.
-    """
+    """Return A and B from sample to sample; delayed inputs follow the states, latest first."""
     order, count = loop.b.shape
     late = []
     for delay in delays:
         whole = math.floor(delay / period + SNAP)
         rest = max(delay - whole * period, 0.0)
-        late.append((whole, rest if rest > SNAP * period else 0.0))
-    waiting = [whole + (1 if rest else 0) for whole, rest in late]
-    system = np.zeros((order + sum(waiting), order + sum(waiting)))
-    drive = np.zeros((order + sum(waiting), count))
+        rest = rest if rest > SNAP * period else 0.0
+        late.append((whole, rest, whole + (rest > 0.0)))
+    size = order + sum(pending for *_, pending in late)
+    system, drive = np.zeros((size, size)), np.zeros((size, count))
     system[:order, :order] = _sampled(loop, period)[0]
     first = order
-    for i, ((whole, rest), pending) in enumerate(zip(late, waiting, strict=True)):
+    for i, (whole, rest, pending) in enumerate(late):
         a, b = _sampled(loop, period - rest)  # of the input that comes last
         if rest:
             system[:order, first + pending - 1] = a @ _sampled(loop, rest)[1][:, i]
@@ -292,11 +268,7 @@ def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Arra
 def _measured_loop(
     a: Array, b: Array, k: Array, period: float, r: Imperfections, n: int
 ) -> tuple[Array, Array, Array]:
-    """Return A, B and K of a sampled loop whose controller gets its velocities by measurement.
-
-    What the sensors remember of n coordinates is added: the positions and the filtered velocities
-    of the sample before.
-    """
+    """Add what the sensors of n velocities remember: positions, and filtered velocities, before."""
     order = len(a)
     rows = np.eye(order + 2 * n)
     positions, velocities = rows[:n], rows[n : 2 * n]
@@ -338,7 +310,7 @@ def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
 
 
 def _margins(system: StateSpace, period: float | None) -> Margins:
-    """Return the margins of a stable loop; of a sampled one as a function of w with its period."""
+    """Return the margins of a stable loop; of a sampled one it is a function of w."""
     import control
 
     gains, phases, _, _, crossovers, _ = control.stability_margins(system, returnall=True)
@@ -363,7 +335,6 @@ def _margins(system: StateSpace, period: float | None) -> Margins:
 
 
 def _disk(system: StateSpace) -> float:
-    """Return the disk margin."""
     import control
 
     closed = np.abs(control.poles(control.feedback(system)))

@@ -6,7 +6,7 @@ import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
@@ -18,29 +18,20 @@ from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
-from afl_mujoco.studies.cases import (
+from afl_mujoco.studies.verify.cases import (
     Case,
     Settings,
-    case_name,
     closed_loop_runs,
     reported_runs,
     require_runnable,
 )
 
-REGRESSED = ("fixed", "adaptive")
-"""The controllers that have baselines."""
-
-UPDATE = "make baselines"
-"""The command that makes the current state the baseline."""
-
+REGRESSED = ("fixed", "adaptive")  # the controllers that have baselines
+UPDATE = "make baselines"  # the command that makes the current state the baseline
 WRONG = "is not a baseline"
 
-PERIOD = 0.5
-"""Spacing of the instants in a baseline [s]."""
-
-SETTINGS = Settings()
-"""The step sizes of every baseline."""
-
+PERIOD = 0.5  # spacing of the instants in a baseline [s]
+SETTINGS = Settings()  # the step sizes of every baseline
 RELATIVE_LIMIT = 1e-6
 """Largest relative change of a metric: no control engineer would notice less. Round-off is far
 below it: 0 between Python 3.11 and 3.12, 1e-14 against code for a processor without FMA and AVX."""
@@ -57,8 +48,7 @@ FORCE_LIMIT = 1e-6
 """Largest change of the force at any kept instant [N]: a controller's gain on a state is about
 100 N; round-off is 2e-13."""
 
-SLACK = 1e-6
-"""Share of a sample that round-off may add to a metric quantised by the samples."""
+SLACK = 1e-6  # share of a sample that round-off may add to a metric quantised by the samples
 
 Number = float | None
 Row = tuple[Number, Number, Number, Number, Number, Number]
@@ -123,8 +113,9 @@ def record_all(
     require_runnable(scenarios, controllers, SETTINGS)
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS.timestep)
+    names = [f"{scenario.name} / {controller.name}" for scenario, controller, _ in cases]
     with open_executor(min(workers, len(cases))) as executor:
-        recorded = compute_all(record, cases, executor, lambda i: progress(case_name(cases[i])))
+        recorded = compute_all(record, cases, executor, lambda i: progress(names[i]))
     fresh = {}
     for made in recorded:
         runs = {
@@ -136,12 +127,11 @@ def record_all(
 
 
 def _decimated(run: Trajectory) -> tuple[Row, ...]:
-    """Return the rows of a run that a baseline keeps."""
     wanted = PERIOD * np.arange(int(run.time[-1] / PERIOD + SLACK) + 1)
     index = np.searchsorted(run.time, wanted - SLACK * SETTINGS.timestep)
     rows = np.column_stack([wanted, run.state[index], run.force[index]])
-    known = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
-    return tuple(cast(Row, tuple(row)) for row in known)
+    known: Any = ([x if np.isfinite(x) else None for x in row] for row in rows.tolist())
+    return tuple(map(tuple, known))
 
 
 # --- what has changed ---------------------------------------------------------------------------
@@ -158,7 +148,6 @@ class Change:
     limit: float | None = None
 
     def __str__(self) -> str:
-        """Return the change as one line."""
         said = f"{self.run}: {self.figure} {_said(self.old)} -> {_said(self.new)}"
         if self.limit is None or not isinstance(self.old, float) or not isinstance(self.new, float):
             return said
@@ -168,7 +157,6 @@ class Change:
 
 
 def _said(value: object) -> str:
-    """Return a value as a line shows it."""
     return "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
@@ -186,7 +174,6 @@ def changes(old: Baseline, new: Baseline) -> list[Change]:
 
 
 def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Change]:
-    """Yield the values of one run that changed by more than their limits."""
     if old.outcome != new.outcome:
         yield Change(name, "outcome", old.outcome, new.outcome)
     for figure in dict.fromkeys((*old.metrics, *new.metrics)):
@@ -202,15 +189,15 @@ def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Chang
     for column, figure in enumerate(COLUMNS[1:], start=1):
         limit = FORCE_LIMIT if figure == "force" else STATE_LIMIT
         pairs = zip(old.trajectory, new.trajectory, strict=True)
-        moved = [(a, b) for a, b in pairs if _moved(a[column], b[column], limit)]
+        moved = [(a[0], a[column], b[column]) for a, b in pairs
+                 if _moved(a[column], b[column], limit)]  # fmt: skip
         if moved:
-            (time, *_), _ = moved[0]
+            time, before, after = moved[0]
             place = f"{figure} at {len(moved)} instants, first at t = {time:g} s,"
-            yield Change(name, place, moved[0][0][column], moved[0][1][column], limit)
+            yield Change(name, place, before, after, limit)
 
 
 def _limit(figure: str, old: Recording) -> float:
-    """Return how much a metric may change."""
     sample = (1.0 + SLACK) * SETTINGS.timestep
     if figure.startswith("settling_"):
         return sample
@@ -220,7 +207,6 @@ def _limit(figure: str, old: Recording) -> float:
 
 
 def _moved(old: Number, new: Number, limit: float) -> bool:
-    """Return whether a value changed by more than `limit`."""
     if old is None or new is None:
         return old is not new
     return not abs(new - old) <= limit
@@ -305,11 +291,7 @@ def open_for_update(folder: Path) -> dict[str, Baseline]:
 def update_baselines(
     folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
 ) -> list[str]:
-    """Make fresh runs the baselines and return what changed, a line each.
-
-    A file in which no value changed by more than its limit keeps its bytes, so that the last digits
-    of another host do not rewrite all files.
-    """
+    """Make fresh runs the baselines, but for unmoved files; return what changed, a line each."""
     comparison = compare(baselines, fresh)
     for name in (*comparison.missing, *comparison.changes):
         write_json(folder / name, fresh[name])

@@ -99,7 +99,7 @@ class Run:
         return 1.0 - tightest if tightest >= 0.0 else 1.0 - tightest / (1.0 - tightest)
 
     def _away(self, name: str, duration: float) -> float:
-        """Return the mean of the largest and the average deviation of a coordinate."""
+        """Return the mean of the largest and the average deviation."""
         mean = (self.metrics[f"iae_{name}"] or 0.0) / duration
         return 0.5 * ((self.metrics[f"peak_{name}"] or 0.0) + mean)
 
@@ -118,12 +118,10 @@ class Run:
     @property
     def row(self) -> dict[str, Any]:
         """The run as one flat row, as the result files and pandas have it."""
-        named = {one.name: getattr(self, one.name) for one in fields(self)}
-        metrics, requirements, message = (
-            named.pop(key) for key in ("metrics", "requirements", "message")
-        )
-        judged = [{**asdict(one), "met": one.met} for one in requirements]
-        return {**named, **metrics, "message": message, "requirements": judged}
+        apart = ("metrics", "message", "requirements")
+        named = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in apart}
+        judged = [{**asdict(one), "met": one.met} for one in self.requirements]
+        return {**named, **self.metrics, "message": self.message, "requirements": judged}
 
 
 def run_all(
@@ -156,30 +154,18 @@ def run_kept(
     return [
         (_failed(scenario, controller, str(one)), None)
         if isinstance(one, AflMujocoError)
-        else (_row(scenario, controller, one), one.trajectory)
+        else (_of_rollout(scenario, controller, one), one.trajectory)
         for scenario, one in zip(scenarios, found, strict=True)
     ]
 
 
 def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
     """Return the row of a run that any simulator made."""
-    settled, asked = settling_time(scenario, run), judge(scenario, run)
-    failure, time = failure_of(run.outcome.kind, asked), run.outcome.time
-    if failure == "end_stops":
-        stops = criterion_of(scenario).stops
-        reached = (np.abs(run.state[:, : len(stops)]) >= stops).any(axis=1)
-        time = float(run.time[np.argmax(reached)])
-    return Run(
-        scenario=scenario.name,
-        controller=controller.name,
-        outcome=run.outcome.kind,
-        failure=failure,
-        settled=settled is not None,
-        time=time,
-        metrics={name: run.metrics.get(name) for name in columns_of(scenario.plant)}
-        | {"settling_time": settled},
-        requirements=asked,
-    )
+    stops = criterion_of(scenario).stops
+    reached = (np.abs(run.state[:, : len(stops)]) >= stops).any(axis=1)
+    figures = run.metrics | {"settling_time": settling_time(scenario, run)}
+    stopped, asked = float(run.time[np.argmax(reached)]), judge(scenario, run)
+    return _row(scenario, controller, run.outcome, asked, figures, stopped)
 
 
 def numbered(runs: Iterable[Run]) -> list[Run]:
@@ -187,22 +173,33 @@ def numbered(runs: Iterable[Run]) -> list[Run]:
     return [replace(run, draw=number) for number, run in enumerate(runs)]
 
 
-def _row(scenario: Scenario, controller: Controller, run: Rollout) -> Run:
-    """Return the row of a run."""
-    failure, stop = run.failure, run.figures["stop_time"]
-    columns = columns_of(scenario.plant)
-    metrics = {name: _known(run.figures[name]) for name in columns}
+def _of_rollout(scenario: Scenario, controller: Controller, run: Rollout) -> Run:
+    figures = {name: x if math.isfinite(x) else None for name, x in run.figures.items()}
     if run.outcome.kind != COMPLETED:  # a part of the horizon cannot be compared
-        metrics |= dict.fromkeys(name for name in columns if name.startswith("iae_"))
+        figures |= dict.fromkeys(name for name in figures if name.startswith("iae_"))
+    stopped = figures["stop_time"]
+    return _row(scenario, controller, run.outcome, run.requirements, figures, stopped)
+
+
+def _row(
+    scenario: Scenario,
+    controller: Controller,
+    outcome: Outcome,
+    requirements: tuple[Judgement, ...],
+    figures: Mapping[str, float | None],
+    stopped: float | None,
+) -> Run:
+    """Return the row of a run; `stopped` is when it reached an end stop, if it did [s]."""
+    failure = failure_of(outcome.kind, requirements)
     return Run(
         scenario=scenario.name,
         controller=controller.name,
-        outcome=run.outcome.kind,
+        outcome=outcome.kind,
         failure=failure,
-        settled=metrics["settling_time"] is not None,
-        time=stop if failure == "end_stops" else run.outcome.time,
-        metrics=metrics,
-        requirements=run.requirements,
+        settled=figures["settling_time"] is not None,
+        time=stopped if failure == "end_stops" else outcome.time,
+        metrics={name: figures.get(name) for name in columns_of(scenario.plant)},
+        requirements=requirements,
     )
 
 
@@ -221,41 +218,26 @@ def _failed(scenario: Scenario, controller: Controller, message: str) -> Run:
     )
 
 
-def _known(value: float) -> float | None:
-    """Return a figure, None if it is not finite."""
-    return value if math.isfinite(value) else None
-
-
-@cache
-def _adapter() -> TypeAdapter[Any]:
-    """Return the parser of rows."""
-    return TypeAdapter(tuple[Run, ...])
-
-
 def _to_rows(runs: Sequence[Run]) -> list[dict[str, Any]]:
-    """Return runs as flat rows."""
     return [run.row for run in runs]
 
 
+@cache
+def _adapter() -> TypeAdapter[tuple[Run, ...]]:
+    return TypeAdapter(tuple[Run, ...])
+
+
 def _from_rows(rows: Any) -> tuple[Run, ...]:
-    """Return runs from flat rows, or raise ValueError."""
+    """Return runs from flat rows, whose keys that a run does not have are its metrics."""
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise ValueError("must be a list of objects")
-    known, judged = ({one.name for one in fields(kind)} for kind in (Run, Judgement))
-    nested = []
-    for row in rows:
-        own = {key: value for key, value in row.items() if key in known}
-        own["metrics"] = {key: value for key, value in row.items() if key not in known}
-        asked = own.get("requirements")
-        if isinstance(asked, list) and all(isinstance(one, dict) for one in asked):
-            own["requirements"] = [{k: v for k, v in one.items() if k in judged} for one in asked]
-        nested.append(own)
+    known = {one.name for one in fields(Run)}
+    nested = [{**row, "metrics": {k: x for k, x in row.items() if k not in known}} for row in rows]
     try:
-        found: tuple[Run, ...] = _adapter().validate_python(nested)
+        return _adapter().validate_python(nested)
     except ValidationError as error:
         first = error.errors()[0]
         raise ValueError(f"{first['msg']} at {'.'.join(map(str, first['loc']))}") from None
-    return found
 
 
 Rows = Annotated[tuple[Run, ...], PlainSerializer(_to_rows), PlainValidator(_from_rows)]

@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,21 +18,24 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
-from afl_mujoco.scenario.imperfections import (
-    BY_INPUT,
-    LARGEST_SEED,
-    Imperfection,
-    imperfections_of,
-)
+from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.bisection import LOWER, Threshold, find_threshold, scan_levels
-from afl_mujoco.studies.cube_search import Budget, minimise
-from afl_mujoco.studies.run import Rows, Run, run_all
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
+from afl_mujoco.studies.shared.search import (
+    LOWER,
+    Budget,
+    Threshold,
+    find_threshold,
+    minimise,
+    scan_levels,
+)
 from afl_mujoco.values import require_distinct
+
+Floats = NDArray[np.float64]
 
 Scenarios = tuple[Scenario, ...]
 Hardware = dict[str, Any]
@@ -80,8 +84,7 @@ def known_of(plant: Plant) -> dict[str, Imperfection]:
     return {one.name: one for one in (*imperfections_of(plant), COMBINED)}
 
 
-KNOWN = known_of(CART_POLE)
-"""All that can be swept of a cart-pole, by name."""
+KNOWN = known_of(CART_POLE)  # all that can be swept of a cart-pole, by name
 
 
 def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
@@ -94,10 +97,7 @@ def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
 
 @functools.cache
 def added(plant: Plant = CART_POLE) -> tuple[Imperfection, ...]:
-    """Return the imperfections that can be present at once, in their order.
-
-    One that sets only what an earlier one has set is left out: it would contradict the earlier one.
-    """
+    """Leave out the imperfections that would contradict an earlier one, whose fields they set."""
     found, set_before = [], set[str]()
     for one in imperfections_of(plant):
         sets = {*one.fields, *one.switches}
@@ -135,10 +135,8 @@ def less_is_worse(path: str) -> bool:
 def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scenario]:
     """Return every scenario with each of some imperfections on top of its own.
 
-    The harsher of each counts: what is milder than the scenario's own level would not come on top
-    of it, and could even be worse, as a control period where velocities are differences of
-    quantised positions. Errors of the belief are added to its own, in the direction of the sweep;
-    seeds add up.
+    The harsher of each counts. A milder control period could be worse than the scenario's own,
+    where velocities are differences of quantised positions.
     """
 
     def on_top(own: Any, name: str, level: Any) -> Any:
@@ -159,17 +157,14 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
 
 def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
     """Return an imperfection whose reference is no milder than what a scenario has itself."""
-    first = list(one.fields.items())[:1]  # all combined has none
     if one.adds:
         return one
-    own = [(_least(s.hardware(key)), factor) for s in scenarios for key, factor in first]
-    levels = [one.reference, *(x / factor for x, factor in own if x and x / factor > 0.0)]
+    levels = [one.reference]
+    for key, factor in list(one.fields.items())[:1]:  # all combined has none
+        for own in (scenario.hardware(key) for scenario in scenarios):
+            x = min(own.values(), default=None) if isinstance(own, Mapping) else own
+            levels += [x / factor] if x and x / factor > 0.0 else []
     return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
-
-
-def _least(level: Any) -> Any:
-    """Return a level, of a table by input the least."""
-    return min(level.values(), default=None) if isinstance(level, Mapping) else level
 
 
 def times_reference(imperfection: Imperfection, level: float) -> float:
@@ -267,11 +262,12 @@ def sweep(unit: SweepUnit) -> Swept:
     def harshness(found: Threshold) -> float:
         return math.inf if found.fails_at is None else times_reference(one, found.fails_at)
 
-    if one.of_belief and not any(
-        _depends(run_bare(unit), at(level)) for level in (one.reference, one.harsh)
-    ):
-        holds = Threshold(bound=LOWER, holds_at=one.harsh, fails_at=None, islands=0)
-        return Swept(at(one.reference), holds, holds, (), False)
+    if one.of_belief:  # nothing is to be found where it does not change a bit of any run
+        runs = [(a, b) for x in (one.reference, one.harsh)
+                for a, b in zip(run_bare(unit), at(x), strict=True)]  # fmt: skip
+        if all(a.metrics == b.metrics and a.time == b.time and not b.message for a, b in runs):
+            holds = Threshold(bound=LOWER, holds_at=one.harsh, fails_at=None, islands=0)
+            return Swept(at(one.reference), holds, holds, (), False)
     survives = threshold(lambda level: survived(at(level)), settings.scan)
     settles = threshold(lambda level: all_settled(at(level), scenarios))
     return Swept(
@@ -281,12 +277,6 @@ def sweep(unit: SweepUnit) -> Swept:
         failure=() if survives.fails_at is None else at(survives.fails_at),
         applies=True,
     )
-
-
-def _depends(bare: Sequence[Run], runs: Sequence[Run]) -> bool:
-    """Return whether a run changes by any bit where what the controller believes does."""
-    pairs = zip(bare, runs, strict=True)
-    return any(a.metrics != b.metrics or a.time != b.time or b.message for a, b in pairs)
 
 
 # --- samples, and the worst of them -------------------------------------------------------------
@@ -301,29 +291,21 @@ STEP = {HARDEST: 0.3, NEAREST: 0.1}
 """Standard deviation at the start of a search, as a share of the cube's edge."""
 
 
-class SampleUnit(NamedTuple):
-    """What a worker runs: points of the cube, each with the number of a sample, for its noise."""
-
-    controller: Controller
-    space: SampleSpace
-    seed: int
-    points: Sequence[NDArray[np.float64]]
-    numbers: Sequence[int]
-    deployed: Deployed
-
-
-def run_points(unit: SampleUnit) -> list[Run]:
-    """Run a controller at points of the cube."""
-    controller, space, seed, points, numbers, deployed = unit
+def _run_points(
+    controller: Controller, space: SampleSpace, seed: int, deployed: Deployed, unit: Any
+) -> list[Run]:
+    """Run a controller at points of the cube, each with the number of a sample, for its noise."""
+    points, numbers = unit
     scenarios = [space.scenario_of(x, i, seed) for x, i in zip(points, numbers, strict=True)]
     runs = run_all(controller, scenarios, deployed)
     return [replace(run, draw=i) for run, i in zip(runs, numbers, strict=True)]
 
 
-def run_samples(unit: SampleUnit) -> list[Run]:
-    """Run a controller on samples, whose points are drawn here."""
-    points = [sample_point(unit.space, i, unit.seed) for i in unit.numbers]
-    return run_points(unit._replace(points=points))
+def _run_samples(space: SampleSpace, seed: int, deployed: Deployed, unit: Any) -> list[Run]:
+    """Run a controller on samples by their numbers; their points are drawn by the worker."""
+    controller, numbers = unit
+    points = [sample_point(space, i, seed) for i in numbers]
+    return _run_points(controller, space, seed, deployed, (points, numbers))
 
 
 def sample(
@@ -337,7 +319,7 @@ def sample(
 ) -> dict[str, list[Run]]:
     """Run controllers on the same samples; sample i depends on neither workers nor count."""
     units = [
-        SampleUnit(one, space, seed, (), range(i, min(i + CHUNK, count)), deployed)
+        (one, range(i, min(i + CHUNK, count)))
         for one in controllers
         for i in range(0, count, CHUNK)
     ]
@@ -345,13 +327,14 @@ def sample(
 
     def progress(index: int) -> None:
         nonlocal done
-        done += len(units[index].numbers)
-        advance(done, units[index].controller.name)
+        controller, numbers = units[index]
+        done += len(numbers)
+        advance(done, controller.name)
 
-    found = compute_all(run_samples, units, executor, progress)
+    found = compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress)
     runs: dict[str, list[Run]] = {controller.name: [] for controller in controllers}
-    for unit, some in zip(units, found, strict=True):
-        runs[unit.controller.name] += some
+    for (controller, _), some in zip(units, found, strict=True):
+        runs[controller.name] += some
     return runs
 
 
@@ -380,29 +363,28 @@ def search_worst(
 ) -> list[Worst]:
     """Search for a controller's hardest sample, then for its failure nearest to the scenario.
 
-    The first search starts from the hardest of its runs on samples, the second from the nearest
-    failure known, which may be the scenario itself. Each keeps the noise of the sample that it
-    starts from, so that its cost function does not change and it finds nothing milder than what was
-    known. There is no second search if nothing fails, and none at all if nothing passes.
+    The second starts from the nearest failure known, which may be the scenario itself. Each keeps
+    the noise of the sample that it starts from, so that its cost function does not change and it
+    finds nothing milder than what was known. There is no second search if nothing fails, and none
+    at all if nothing passes.
     """
     rng, spent = search_generator(seed), 0
 
-    def at(points: Sequence[NDArray[np.float64]], noise: int) -> list[Run]:
-        units = [
-            SampleUnit(controller, space, seed, piece, [noise] * len(piece), deployed)
-            for piece in (points[i : i + PIECE] for i in range(0, len(points), PIECE))
-        ]
-        return [run for some in compute_all(run_points, units, executor) for run in some]
+    def at(points: Sequence[Floats], noise: int) -> list[Run]:
+        pieces = [points[i : i + PIECE] for i in range(0, len(points), PIECE)]
+        units = [(piece, [noise] * len(piece)) for piece in pieces]
+        run = partial(_run_points, controller, space, seed, deployed)
+        return [one for some in compute_all(run, units, executor) for one in some]
 
-    def cost(question: str, point: NDArray[np.float64], run: Run) -> float:
+    def cost(question: str, point: Floats, run: Run) -> float:
         severity = run.severity(space.scenario)
         if question == HARDEST:
             return -severity
         # every failure ranks before every run that passes; of those the most severe ranks first
         return distance_of(space, point) if run.failure else 2.0 - severity
 
-    def search(question: str, start: NDArray[np.float64], noise: int) -> Worst:
-        def costs(points: list[NDArray[np.float64]]) -> list[float]:
+    def search(question: str, start: Floats, noise: int) -> Worst:
+        def costs(points: list[Floats]) -> list[float]:
             nonlocal spent
             found = at(points, noise)
             spent += len(points)
@@ -440,10 +422,7 @@ def worst_scenario(space: SampleSpace, worst: Worst, seed: int) -> Scenario:
 
 
 def changes_of(space: SampleSpace, point: ArrayLike) -> dict[str, float]:
-    """Return how far each coordinate is from the scenario, as a share of its range, farthest first.
-
-    Coordinates that the shapes of its schedules do not use are left out.
-    """
+    """Return how far acting coordinates are from the scenario, as shares of their ranges."""
     away = np.asarray(point) - space.reference
     moved = acting(dict(zip(space.coordinates, away.tolist(), strict=True)))
     return dict(sorted(moved.items(), key=lambda item: (-abs(item[1]), item[0])))
@@ -477,7 +456,7 @@ def require_samples(
             controller.inputs_along_run(masses, lengths, *scenario.told_constants)
 
 
-def _assumed(space: SampleSpace, name: str) -> NDArray[np.float64]:
+def _assumed(space: SampleSpace, name: str) -> Floats:
     """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
     own = space.scenario.hardware(f"{name}{ERROR}")
     bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
@@ -493,32 +472,16 @@ def _assumed(space: SampleSpace, name: str) -> NDArray[np.float64]:
 # --- starts -------------------------------------------------------------------------------------
 
 
-class StartUnit(NamedTuple):
-    """What a worker runs: a controller from some starts of a scenario."""
-
-    controller: Controller
-    starts: Scenarios
-    deployed: Deployed
-
-
-def run_starts(unit: StartUnit) -> list[Run]:
-    """Run a controller from some starts."""
-    return run_all(unit.controller, unit.starts, unit.deployed)
-
-
 def map_starts(
     controller: Controller,
     scenario: Scenario,
     axes: tuple[str, str],
-    levels: tuple[NDArray[np.float64], NDArray[np.float64]],
+    levels: tuple[Floats, Floats],
     deployed: Deployed,
     executor: Executor,
     advance: Callable[[int], None] = lambda starts: None,
 ) -> list[Run]:
-    """Run a controller from every level of two states, all of the first for each of the second.
-
-    The last run is from the start of the scenario itself.
-    """
+    """Run a controller from every level of two states, row by row, and last from its own start."""
     across, along = (scenario.plant.states.index(name) for name in axes)
 
     def start(x: float, y: float) -> Scenario:
@@ -526,8 +489,8 @@ def map_starts(
         state[across], state[along] = x, y
         return replace(scenario, initial_state=tuple(state))
 
-    rows = [tuple(start(x, y) for x in levels[0].tolist()) for y in levels[1].tolist()]
-    units = [StartUnit(controller, starts, deployed) for starts in (*rows, (scenario,))]
-    found = compute_all(run_starts, units, executor, lambda i: advance(len(units[i].starts)))
-    runs = [run for some in found for run in some]
-    return [replace(run, draw=number) for number, run in enumerate(runs)]
+    rows = [[start(x, y) for x in levels[0].tolist()] for y in levels[1].tolist()]
+    rows.append([scenario])
+    run = partial(run_all, controller, deployed=deployed)
+    found = compute_all(run, rows, executor, lambda i: advance(len(rows[i])))
+    return numbered(one for some in found for one in some)
