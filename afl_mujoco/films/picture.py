@@ -184,7 +184,7 @@ def _numbers(
     texts = [
         Text(x, y, _minus(f"{place:g} m"), 15 * s, QUIET, "mt")
         for place, (x, y) in marks
-        if 0.0 < x < width and y < height - (READOUTS + 15) * s
+        if 30 * s < x < width - 30 * s and y < height - (READOUTS + 15) * s
     ]
     numbers = [(label, _minus(value)) for label, value in replay.readouts(index)]
     numbers = _fitting(numbers, (width - 28 * s) / s)
