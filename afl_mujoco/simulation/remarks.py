@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.feedback import upright_model
-from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.writer import PlantModel
-from afl_mujoco.scenario.parameters import CartPoleParameters, symbol
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.bound_controllers import plant_model
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import DIVERGED, STATE_LIMIT, Trajectory
 
-LONGEST = 50.0  # half-length that nobody means [m]
-LONG_WAIT = 0.1  # share of a run that nobody means as a delay or a control period
-
-SAID = {"cart_mass": "M", "half_length": "l", "pole_mass": "m", "gravity": "g"}
+LONG_WAIT, LONG = 0.05, 0.1
+"""Share of a run that nobody means as a delay or a control period, if it is so long [s]."""
 
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
@@ -71,8 +68,7 @@ def _prescribed(scenario: Scenario) -> Iterator[str]:
     for name, schedule in scenario.schedule.items():
         knots = zip(schedule.times, schedule.values, strict=True)
         if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
-            said = SAID.get(name, name) if scenario.is_cart_pole else name
-            yield f"{said} changes at {late[-1]:g} s, after the end at {end:g} s"
+            yield f"{name} changes at {late[-1]:g} s, after the end at {end:g} s"
 
 
 def _stopped(scenario: Scenario, run: Trajectory) -> Iterator[str]:
@@ -84,14 +80,10 @@ def _stopped(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             most = scenario.requirements.max.get(name)
             short = most is not None and most > end
             beyond = f", short of max.{name}, {most:g} {units[name]}" if short else ""
-            what = "the cart" if scenario.is_cart_pole else name
-            yield (
-                f"{what} hits the end stop, {end:g} {units[name]} from the middle, first at "
-                f"{run.time[hits[0]]:.3g} s{beyond}"
-            )
-    if scenario.is_cart_pole:  # whose joints have no range
-        return
-    model = PlantModel(scenario.plant).mj_model
+            where = f"{end:g} {units[name]} from the middle"
+            first = f"first at {run.time[hits[0]]:.3g} s"
+            yield f"{symbol(name)} hits the end stop, {where}, {first}{beyond}"
+    model = plant_model(scenario.plant, threading.get_ident()).mj_model
     for i, name in enumerate(names):
         joint = model.joint(name)
         low, high = joint.range
@@ -133,30 +125,25 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"
     if len(run.time) > 1 and not run.command.any():
-        cart_pole = run.layout.inputs == tuple(CART_POLE.inputs)
-        said = "the force is 0 N throughout" if cart_pole else "the commands are 0 throughout"
-        if not run.away[:, 1 if cart_pole else 0 :].any():
-            still = "the pole never leans" if cart_pole else "nothing moves"
-            said += f" and {still}: the run tests no controller"
-        yield said
+        names = run.layout.inputs
+        said = f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} 0 throughout"
+        still = not np.ptp(run.state, axis=0).any()
+        yield said + " and nothing moves: the run tests no controller" * still
 
 
 def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:
     """Remark on an end that the outcome alone does not explain."""
     for name, x in zip(run.layout.coordinates, run.away[0], strict=False):
         if abs(x) >= scenario.ends_at.get(name, np.inf):
-            if scenario.is_cart_pole and name == "phi":
-                said = f"the pole lies at the start, φ = {np.degrees(x):.4g}°"
-                yield f"{said}; every run ends as fallen at 90°"
-            else:
-                yield f"{symbol(name)} is at the start where a run ends, {x:.4g} from its target"
+            unit = scenario.plant.units[name]
+            far = f"{x:.4g} {unit}" + f" ({np.degrees(x):.4g}°)" * (unit == "rad")
+            yield f"{symbol(name)} is at the start where a run ends, {far} from its target"
             return
     beyond = np.flatnonzero(~(np.abs(run.commands[-1]) < STATE_LIMIT))
     if run.outcome.kind == DIVERGED and beyond.size:
-        what = f"the command of {scenario.plant.inputs[beyond[0]]}"
-        what = "the force" if scenario.is_cart_pole else what
-        rule = f"a run ends where it is not below {STATE_LIMIT:g} N or not a number"
-        yield f"{what} was {run.commands[-1][beyond[0]]:g} at {run.outcome.time:.3g} s; {rule}"
+        rule = f"a run ends where a command is not below {STATE_LIMIT:g} or not a number"
+        name, value = scenario.plant.inputs[beyond[0]], run.commands[-1][beyond[0]]
+        yield f"{name} was {value:g} at {run.outcome.time:.3g} s; {rule}"
 
 
 def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
@@ -166,30 +153,17 @@ def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
 
 
 def _slow(scenario: Scenario, waits: Mapping[str, float]) -> Iterator[str]:
-    """Remark on waiting while the pole leans far, or a good part of the run is over."""
-    if not scenario.is_cart_pole:
-        for name, wait in waits.items():
-            if (share := wait / scenario.duration) >= LONG_WAIT:
-                yield (
-                    f"the {name}, {wait:g} s, is {100.0 * share:.0f} % of the run; it is given in "
-                    "seconds, not in ms or Hz"
-                )
-        return
-    (mass, _), (length, _), pole_mass, gravity = scenario.plants  # the fastest to fall
-    plant = CartPoleParameters(
-        cart_mass=mass, pole_mass=pole_mass, half_length=length, gravity=gravity
-    )
-    time = upright_model(plant).a[3, 1] ** -0.5
+    """Remark on waiting while a good part of the run is over."""
     for name, wait in waits.items():
-        if wait >= time:
+        if (share := wait / scenario.duration) >= LONG_WAIT and wait >= LONG:
             yield (
-                f"the {name}, {wait:g} s, is longer than a pole left alone takes to lean e times "
-                f"as far, {time:.2g} s; it is given in seconds, not in ms or Hz"
+                f"the {name}, {wait:g} s, is {100.0 * share:.0f} % of the run; it is given in "
+                "seconds, not in ms or Hz"
             )
 
 
 def _coarse(scenario: Scenario) -> Iterator[str]:
-    """Remark on sensors that cannot tell whether the plant is at rest, or a pole that is none."""
+    """Remark on sensors that cannot tell whether the plant is at rest."""
     others = {"m": "mm", "rad": "degrees"}
     for field, also in (("encoder_step", "counts"), ("noise", "mrad")):
         for name in scenario.plant.coordinates:
@@ -202,6 +176,3 @@ def _coarse(scenario: Scenario) -> Iterator[str]:
                     f"either side within which {name} is at rest; it is given in {unit}, not in "
                     f"{said}"
                 )
-    length = scenario.spans["half_length"][1] if scenario.is_cart_pole else 0.0
-    if length > LONGEST:
-        yield f"l reaches {length:g} m, half the length of the pole; it is given in m, not in mm"

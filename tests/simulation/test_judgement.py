@@ -140,7 +140,7 @@ def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     ({"encoder_step.z": 0.1}, "encoder_step.z, 0.1 m, is no less", "not in mm or counts"),
     ({"noise.phi": 0.5}, "noise.phi, 0.5 rad, is no less than", "mrad"),
     ({"noise.z": 0.5}, "noise.z, 0.5 m, is no less than the 0.1 m", "in mm"),
-    ({"delay": 8.0}, "the delay, 8 s, is longer than a pole", "not in ms or Hz"),
+    ({"delay": 8.0}, "the delay, 8 s, is 80 % of the run", "not in ms or Hz"),
 ], ids=str)  # fmt: skip
 def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: str) -> None:
     scenario = replace(SCENARIO, imperfections=IDEAL.changed(changes))
@@ -151,10 +151,10 @@ def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: 
 
 
 @pytest.mark.parametrize(("start", "force", "expected"), [
-    (2.0, 0.0, "the pole lies at the start, φ = 114.6°; every run ends as fallen at 90°"),
-    (0.1, math.nan, "the force was nan at 0.02 s; a run ends where it is not below 1e+06 N or"),
-    (0.1, -math.inf, "the force was -inf at 0.02 s; "),
-    (0.1, 3e6, "the force was 3e+06 at 0.02 s; "),
+    (2.0, 0.0, "φ is at the start where a run ends, 2 rad (114.6°) from its target"),
+    (0.1, math.nan, "force was nan at 0.02 s; a run ends where a command is not below 1e+06 or"),
+    (0.1, -math.inf, "force was -inf at 0.02 s; "),
+    (0.1, 3e6, "force was 3e+06 at 0.02 s; "),
     (1.45, math.nan, None),  # fell at once, but the pole did not lie
     (0.1, 1.0, None),
 ])  # fmt: skip
@@ -174,7 +174,7 @@ def test_a_cart_at_its_end_stop_is_remarked_on(end, said) -> None:
     scenario = replace(SCENARIO, imperfections=IDEAL.changed({"end_stops.z": end}))
     run = made(z=lambda t: -1.5 * (t == 2.0))
     found = remarks_on(run, scenario, afl.CONTROLLERS["fixed-retuned"])
-    stopped = [one for one in found if one.startswith("the cart hits the end stop")]
+    stopped = [one for one in found if one.startswith("z hits the end stop")]
     assert len(stopped) == said
     assert not said or f" {end:g} m from the middle, first at 2 s, short of" in stopped[0]
 
@@ -200,8 +200,8 @@ def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(li
 def test_a_controller_that_does_nothing_is_remarked_on() -> None:
     upright = afl.Scenario(name="upright", initial_state=(0.2, 0.0, 0.0, 0.0), duration=0.1)
     leaning = replace(upright, initial_state=(0.0, 0.1, 0.0, 0.0))
-    said = "the force is 0 N throughout"
-    for scenario, rest in ((upright, " and the pole never leans: the run tests no"), (leaning, "")):
+    said = "force is 0 throughout"
+    for scenario, rest in ((upright, " and nothing moves: the run tests no"), (leaning, "")):
         run = afl.simulate_mujoco(scenario, lambda t, state, belief: 0.0, "sampled")
         (remark,) = remarks_on(run, scenario, afl.find_controller("fixed"))
         assert remark.startswith(said + rest) and (bool(rest) or remark == said)
@@ -210,8 +210,8 @@ def test_a_controller_that_does_nothing_is_remarked_on() -> None:
 
 
 @pytest.mark.parametrize(("mass", "said"), [
-    (afl.staircase((5.0, 12.0), (1.0, 2.0, 1.5)), "M changes at 12 s, after the end at 10 s"),
-    (afl.trapezoid((8.0, 9.0, 11.0, 13.0), 1.0, 2.0), "M changes at 13 s, after the end"),
+    (afl.staircase((5.0, 12.0), (1.0, 2.0, 1.5)), "changes at 12 s, after the end at 10 s"),
+    (afl.trapezoid((8.0, 9.0, 11.0, 13.0), 1.0, 2.0), "cart_mass changes at 13 s, after the end"),
     (afl.staircase((5.0,), (1.0, 2.0)), ""),
     (afl.piecewise_linear((0.0, 5.0, 12.0), (1.0, 2.0, 2.0)), ""),
 ], ids=str)  # fmt: skip

@@ -89,7 +89,7 @@ def test_remarks_are_of_gains_beyond_their_table_and_of_end_stops(result) -> Non
     said = " ".join(result.remarks["rig/adaptive"])
     assert "found for M 0.1 to 2 kg, and M reaches 8 kg here" in said
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in said
-    for end, remark in ((3.0, "the cart hits the end stop, 3 m"), (30.0, "")):
+    for end, remark in ((3.0, "z hits the end stop, 3 m"), (30.0, "")):
         rail = Imperfections(end_stops={"z": end})
         scenario = replace(afl.SCENARIOS["nominal"], duration=2.0, imperfections=rail)
         found = compare(scenario, "fixed").remarks
@@ -127,7 +127,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     record = load_record(find_study("compare"), rig / "out")
     assert [*record.inputs] == ["scenario rig", *(f"controller {name}" for name in names)]
     rows = {run.controller: run for run in record.result.rows}
-    assert record.result.remarks["rig/compared.zero"] == ("the force is 0 N throughout",)
+    assert record.result.remarks["rig/compared.zero"] == ("force is 0 throughout",)
     assert (
         rows["compared.late"].message == "raised ZeroDivisionError at t = 0.5 s: division by zero"
     )
