@@ -97,6 +97,7 @@ def frames(
     (width, height), alone, two = size, len(replays) == 1, len(replays) == 2
     part = size if alone else (2 * (width // 4), 2 * (height // 4))
     s = min(width / DESIGN[0], height / DESIGN[1]) * (1.0 if alone else PART_LETTERS)
+    s = max(s, SMALLEST_LETTER / 16)  # of the labels
     frame = Frame() if alone else BESIDE
     places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     left = 0 if two else part[0]
@@ -107,7 +108,8 @@ def frames(
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
     behind[0] = write(behind[0], [subtitle])
     corner = min(1, len(replays) - 1)
-    behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], s))
+    above = max(28 * len(titles[corner]), 16 * len(subtitle.text) * alone) * LETTER * s
+    behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], above, s))
     with open_scene(replays, fps, part, frame) as scene:
         last = last_frame(replays, fps)
         for index in itertools.takewhile(lambda index: index <= last, indices):
@@ -152,8 +154,13 @@ def _font(size: int, mono: bool) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(folder / f"DejaVuSans{'Mono' if mono else ''}.ttf", size)
 
 
-def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> list[Text]:
-    """Return what the colours mean, and how the controllers of several runs are deployed."""
+def _legend(
+    replay: Replay, held: str, alone: bool, width: int, above: float, s: float
+) -> list[Text]:
+    """Return what the colours mean, and how the controllers of several runs are deployed.
+
+    A line is left out where it does not fit beside what is written at the left, so wide [px].
+    """
     short = held.removeprefix("as deployed: ")
     lines = [(f"pale: {replay.ghost}" if replay.ghost else "", _rgb(GHOST))]
     if alone:
@@ -165,6 +172,7 @@ def _legend(replay: Replay, held: str, alone: bool, width: int, s: float) -> lis
         lines += [("disturbance", _rgb(PUSH))] if replay.channels.any() else []
     else:
         lines.append((short, QUIET))
+    lines = [x for x in lines if above + (16 * LETTER * len(x[0]) + 60) * s <= width]
     return [
         Text(width - 28 * s, (40 + 23 * row) * s, text, 16 * s, colour, "rs")
         for row, (text, colour) in enumerate(lines)
