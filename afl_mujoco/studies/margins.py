@@ -373,7 +373,7 @@ no longer grows."""
 
 TOLERANCE = 1e-3  # relative tolerance of the delay that is compared with a margin [1]
 DELAY = 0.05  # delay around which a threshold is sought if there is no margin [s]
-REACH = 0.05  # relative difference up to which margin and measurement agree [1]
+REACH = 5e-3  # relative difference up to which margin and measurement agree [1]
 
 GAINS = scan_levels(1.0, 100.0, 13)
 """Factors on an input that are tried, and their inverses, before the bisection [1]."""

@@ -7,11 +7,12 @@ sampled loop, which is transformed into a continuous loop with the same margins.
 
 from __future__ import annotations
 
+import itertools
 import math
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,10 @@ COARSE, FINE = 80, 40
 
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
+
+MOST_PERIODS, PARTS = 100, 8
+"""Periods of a delay margin beyond which its part within a period is not sought, and the parts of a
+period in which it is."""
 
 LINEAR = (
     *("delay", "lag", "damping", "armature", "tip_mass_share", "pole_radius", "control_period"),
@@ -183,7 +188,7 @@ class Margins:
     gain_increase: float  # the same, above 1; infinite if no increase destabilises it
     phase: float  # least additional lag or lead at a crossover [deg]
     delay: float  # least additional delay [s]; infinite if there is no crossover
-    crossover: float  # frequency at which that delay destabilises it [rad/s]
+    crossover: float  # frequency of the crossover whose phase that delay uses up [rad/s]
     disk: float  # size of the largest disk of gain and phase at once, by the peak of (S - T)/2
 
 
@@ -204,23 +209,66 @@ def loop_margins(
     """
     import control
 
-    if not (imperfections.differentiated or imperfections.velocity_filter):
+    period, r = control_period, imperfections
+    if not (r.differentiated or r.velocity_filter):
         loop = _without_idle(loop)
-    a, b, k, period, r = loop.a, loop.b, loop.k, control_period, imperfections
-    if period is not None:
-        require_positive("control_period", period)
-        a, b = held_plant(loop, period, [r.of_input("delay", name) for name in loop.inputs])
-        k = np.hstack([k, np.zeros((len(k), len(a) - len(loop.a)))])
-        if r.differentiated or r.velocity_filter:
-            a, b, k = _measured_loop(a, b, k, period, r, loop.coordinates)
-    stable = loop.stable if period is None else np.abs(np.linalg.eigvals(a - b @ k)).max() < 1.0
-    if not stable:
+    if period is None:
+        if not loop.stable:
+            return None
+        parts = _broken(loop.a, loop.b, loop.k)
+        return [_margins(control.ss(*x, 0.0)) if x[2].any() else UNTOUCHED for x in parts]
+    require_positive("control_period", period)
+    if not _radius(loop, period, r) < 1.0:
         return None
     found = []
-    for part in _broken(a, b, k):
-        one = control.ss(*part, 0.0) if period is None else _bilinear(*part, period)
-        found.append(_margins(one, period) if part[2].any() else UNTOUCHED)
+    for i, part in enumerate(_broken(*_held(loop, period, r))):
+        one = _margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
+        if math.isfinite(one.delay):
+            one = replace(one, delay=_exact_delay(loop, period, r, i, one.delay))
+        found.append(one)
     return found
+
+
+def _held(
+    loop: Loop, period: float, r: Imperfections, place: int = 0, extra: float = 0.0
+) -> tuple[Array, Array, Array]:
+    """Return a loop from sample to sample, one of its inputs delayed by some more [s]."""
+    delays = [r.of_input("delay", name) for name in loop.inputs]
+    delays[place] += extra
+    a, b = held_plant(loop, period, delays)
+    k = np.hstack([loop.k, np.zeros((len(loop.k), len(a) - len(loop.a)))])
+    if r.differentiated or r.velocity_filter:
+        return _measured_loop(a, b, k, period, r, loop.coordinates)
+    return a, b, k
+
+
+def _radius(loop: Loop, period: float, r: Imperfections, *more: Any) -> float:
+    """Return the largest magnitude of a pole of a held loop."""
+    a, b, k = _held(loop, period, r, *more)
+    return float(np.abs(np.linalg.eigvals(a - b @ k)).max())
+
+
+def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about: float) -> float:
+    """Return the delay at which a held loop loses its stability, near that of its phase [s].
+
+    A delay of whole periods shifts the phase by its length times the frequency, so the two are on
+    the same side of every multiple of the period; within a period a held input that comes late is
+    another plant, and not one whose phase is shifted.
+    """
+    from scipy.optimize import brentq
+
+    if (whole := math.floor(about / period)) > MOST_PERIODS:
+        return about
+
+    def beyond(extra: float) -> float:
+        return _radius(loop, period, r, place, extra) - 1.0
+
+    if beyond(whole * period) >= 0.0:  # a multiple of the period, but for round-off
+        return about
+    for low, high in itertools.pairwise(period * (whole + np.linspace(0.0, 1.0, PARTS + 1))):
+        if beyond(high) >= 0.0:
+            return float(brentq(beyond, low, high, xtol=1e-12 * period, rtol=1e-12))
+    return about
 
 
 def _without_idle(loop: Loop) -> Loop:
@@ -286,12 +334,12 @@ def _measured_loop(
 
 def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:
     """Return A and B of the plant over a length of time [s], its inputs held."""
-    import control
+    from scipy.signal import cont2discrete
 
     order, count = loop.b.shape
-    plant = control.ss(loop.a, loop.b, np.eye(order), np.zeros((order, count)))
-    sampled = control.sample_system(plant, length, method="zoh")
-    return np.asarray(sampled.A), np.asarray(sampled.B)
+    plant = loop.a, loop.b, np.eye(order), np.zeros((order, count))
+    a, b, *_ = cont2discrete(plant, length)
+    return np.asarray(a), np.asarray(b)
 
 
 def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
@@ -309,7 +357,7 @@ def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
     return control.ss(a_w, b_w - half * (a_w @ b_w), k, -half * (k @ b_w))
 
 
-def _margins(system: StateSpace, period: float | None) -> Margins:
+def _margins(system: StateSpace, period: float | None = None) -> Margins:
     """Return the margins of a stable loop; of a sampled one it is a function of w."""
     import control
 
