@@ -105,7 +105,8 @@ class Balance(control.Task):  # type: ignore[misc]
     Parameters
     ----------
     force_limit
-        Largest force [N], below 1e6; an input whose limits in the MJCF are closer keeps those.
+        Largest force [N], below 1e6; an input whose limits in the MJCF or by its drive are closer
+        has those.
     initial_noise
         Half-width of the uniform perturbation of each angle at t = 0 [rad].
     random
@@ -163,7 +164,7 @@ class Balance(control.Task):  # type: ignore[misc]
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Return the bounds of the inputs [N, N m]."""
         plant = physics.scenario.plant
-        low, high = np.clip(plant.limits, -self._limit, self._limit).T
+        low, high = np.clip(physics.scenario.limits, -self._limit, self._limit).T
         units = [f" [{plant.units[name]}]" if plant.units[name] else "" for name in plant.inputs]
         words = ", ".join(map("".join, zip(plant.inputs, units, strict=True)))
         return specs.BoundedArray((len(low),), np.float64, low, high, name=words)

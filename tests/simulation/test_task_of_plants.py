@@ -1,6 +1,7 @@
 """The dm_control environment of plants that are not the cart-pole."""
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -116,6 +117,9 @@ def test_a_file_names_the_plant_and_limits_of_its_mjcf_bound_the_action(tmp_path
     assert environment.physics.control().tolist() == [0.0, 12.0]
     with pytest.raises(InvalidValueError, match=r"^action must have shape \(2,\)"):
         environment.step([1.0])
+    drive = afl.Imperfections(input_limit={"left": 10.0})
+    weak = afl.load(replace(environment.physics.scenario, imperfections=drive), control_period=0.01)
+    assert weak.action_spec().maximum.tolist() == [10.0, 12.0]
 
 
 def test_each_episode_can_be_another_sample_and_a_copy_goes_on_alone():
