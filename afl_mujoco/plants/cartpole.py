@@ -10,8 +10,6 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from afl_mujoco.plants.plant import Parameter, Plant, Shape
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
@@ -51,7 +49,7 @@ def write(p: Any) -> dict[str, Any]:
     across = (1.0 - share) * across + share * (1.0 - share) * m * length * length
     sums = (y2 + z2, x2 + z2, x2 + y2)
     inertia = tuple(p.cart_mass * (one / 3.0) for one in sums)
-    grown = np.sqrt(np.clip(p.cart_mass, 0.05, 5.0))  # width and depth of the drawing: no physics
+    grown = 0.75 + 0.25 * p.cart_mass  # width and depth of the drawing, linear as M is: no physics
     return {
         "body cart": Shape(p.cart_mass, (0.0, 0.0, 0.0), (inertia[0], inertia[1], inertia[2])),
         "body pole": Shape(

@@ -119,7 +119,7 @@ def test_end_stops_and_limits_are_drawn_where_they_are(graphics, growing):
     with open_scene([replay], 30, SIZE, Frame()) as scene:
         scene.draw(replay, 0, scene.stage.paths[0])
         places = [float(one.pos[0]) for one in drawn(scene, mujoco.mjtGeom.mjGEOM_BOX)]
-    half = 0.2 * np.sqrt(0.5)  # of the cart, which touches the stops
+    half = 0.2 * 0.875  # of the cart of 0.5 kg, which touches the stops
     for wanted in (-2.0 - half, -1.0, 1.0, 2.0 + half):
         assert min(abs(x - wanted) for x in places) < 0.05
 
@@ -132,7 +132,7 @@ def test_the_cart_grows_with_its_mass(graphics, stage, replay):
         picture = segments(scene, replay, index, path)
         mask = (picture[..., 0] == cart) & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
         widths.append(np.ptp(np.nonzero(mask)[1]))
-    assert widths[1] / widths[0] == pytest.approx(2.0, rel=0.05)  # 0.5 to 2 kg, width ~ sqrt(M)
+    assert widths[1] / widths[0] == pytest.approx(1.25 / 0.875, rel=0.05)  # 0.5 to 2 kg
 
 
 def test_the_arrows_point_along_the_forces(graphics, stage, replay):

@@ -205,3 +205,10 @@ def test_a_table_that_an_edit_adds_holds_the_pole_up() -> None:
         for edit in (None, lay)
     ]
     assert ends == ["fell", "completed"]
+
+
+def test_a_ramp_far_beyond_the_paper_s_masses_is_smooth_enough_for_exact_mode(adaptive):
+    load = afl.trapezoid((0.0, 0.4, 0.5, 0.8), 0.01, 20.0)
+    scenario = afl.Scenario(name="load", schedule={"cart_mass": load}, duration=0.9)
+    mass = afl.simulate_mujoco(scenario, adaptive).parameters["cart_mass"]
+    assert (mass.min(), mass.max()) == (pytest.approx(0.01), pytest.approx(20.0))
