@@ -28,7 +28,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are
 
-from afl_mujoco.control import feedback as design
+from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control import scheduled as angle
 from afl_mujoco.control.controller import LINEAR, compiled_force
 from afl_mujoco.control.gains import GAIN_NAMES

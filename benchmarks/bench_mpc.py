@@ -27,7 +27,7 @@ from bench_gain_functions import FIXED, told
 from scipy.linalg import solve_continuous_are
 
 import afl_mujoco as afl
-from afl_mujoco.control import feedback as design
+from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.catalogue import random_scenario

@@ -55,14 +55,9 @@ def is_published(scenario: Scenario) -> bool:
     return SCENARIOS.get(scenario.name) == scenario
 
 
-CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)
-"""The paper's box of M [kg] and l [m]."""
-
-LAST_CHANGE = 10.0
-"""Latest time at which the schedules change [s], half the horizon."""
-
-GRID = 2e-3
-"""The instants of change are multiples of this [s]."""
+CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)  # the paper's box of M [kg] and l [m]
+LAST_CHANGE = 10.0  # latest time at which the schedules change [s], half the horizon
+GRID = 2e-3  # the instants of change are multiples of this [s]
 
 
 def random_scenario(seed: int, index: int) -> Scenario:
@@ -78,7 +73,6 @@ def random_scenario(seed: int, index: int) -> Scenario:
 
 
 def _shape(rng: Generator, levels: tuple[float, float]) -> Schedule:
-    """Return a random step or trapezoid between levels of a range."""
     is_step = rng.random() < 0.5
     instants = 1 + rng.choice(round(LAST_CHANGE / GRID), 2 if is_step else 4, replace=False)
     times = tuple((np.sort(instants) * GRID).tolist())

@@ -14,20 +14,15 @@ from afl_mujoco.scenario.disturbances import Impulse, channel_of, channels_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import PER_SECOND, require_positive
 
-MOST_STEPS = 10_000_000
-"""Largest number of steps: more would fill the memory before the run ends."""
+Floats = NDArray[np.float64]
 
-SNAP = 1e-6
-"""Share of a step under which a grid point and a breakpoint are one instant."""
-
-TYPED = 1e-5
-"""Relative difference of two periods of which one may have been typed in decimals: 0.0166667 s."""
-
-LONGEST_STEP = 1e-3
-"""MuJoCo's longest step by default [s]."""
+MOST_STEPS = 10_000_000  # largest number of steps: more would fill the memory before the run ends
+SNAP = 1e-6  # share of a step under which a grid point and a breakpoint are one instant
+TYPED = 1e-5  # relative difference of periods of which one may be typed: 0.0166667 s
+LONGEST_STEP = 1e-3  # MuJoCo's longest step by default [s]
 
 
-def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
+def time_grid(scenario: Scenario, period: float) -> Floats:
     """Return the multiples of `period` within the horizon together with every breakpoint.
 
     period: Spacing of the grid [s].
@@ -50,13 +45,13 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
 class Disturbances(NamedTuple):
     """What disturbs a plant in each step of a grid, on each of its channels."""
 
-    push: NDArray[np.float64]  # mean force over the step [N], shape (N, channels)
-    impulse: NDArray[np.float64]  # jump of the momentum in the step [N s], shape (N, channels)
+    push: Floats  # mean force over the step [N], shape (N, channels)
+    impulse: Floats  # jump of the momentum in the step [N s], shape (N, channels)
     # when it acts, as a share of the step, 0 for its start; -1 for never, shape (N,)
-    split: NDArray[np.float64]
+    split: Floats
 
 
-def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
+def held_disturbances(scenario: Scenario, times: Floats) -> Disturbances:
     """Return what disturbs the cart in each step, wherever the edges of the disturbances lie.
 
     A pulse acts with its exact mean over each step, so that all of its momentum arrives; an impulse
@@ -83,7 +78,7 @@ def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturb
     return Disturbances(push, impulse, split)
 
 
-def _place(times: NDArray[np.float64], time: float) -> float:
+def _place(times: Floats, time: float) -> float:
     """Return where an instant lies on a grid, in steps; whole at the ends of steps."""
     count = len(times) - 1
     k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, count - 1))
@@ -93,7 +88,6 @@ def _place(times: NDArray[np.float64], time: float) -> float:
 
 
 def _require_few(unit: str, length: float, step: float) -> None:
-    """Raise if `length` is more than `MOST_STEPS` steps."""
     if length / step > MOST_STEPS:
         raise InvalidValueError(
             unit,
@@ -116,7 +110,7 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     return count
 
 
-def instants(times: NDArray[np.float64]) -> NDArray[np.float64]:
+def instants(times: Floats) -> Floats:
     """Return times [s] to the picosecond, as `instant` does: schedules have no finer ones."""
     return np.where(np.abs(times) < 1e9, np.rint(times * PER_SECOND) / PER_SECOND, times)
 
@@ -209,7 +203,7 @@ class Deployed:
 DEFAULT = Deployed()
 
 
-def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
+def step_times(duration: float, timestep: float) -> Floats:
     """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
 
     duration: Horizon [s].
@@ -217,7 +211,7 @@ def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
     """
     _require_few("timestep", duration, timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)
-    times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
+    times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     if abs(times[-1] - duration) > SNAP * timestep:
         times[-1] = duration
     return times

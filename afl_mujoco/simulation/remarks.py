@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from afl_mujoco.control.cartpole_feedback import upright_model
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.parameters import CartPoleParameters, symbol
