@@ -84,20 +84,16 @@ class _Stamped:
         return _fingerprint(Path(self._py_file))
 
 
-class _InTree(_Stamped, caching.InTreeCacheLocator):
-    """The cache beside the source, if it can be written."""
-
-
-class _UserWide(_Stamped, caching.UserWideCacheLocator):
-    """The cache in the user's own cache folder."""
-
-
-class _UserProvided(_Stamped, caching.UserProvidedCacheLocator):
-    """The cache that ``NUMBA_CACHE_DIR`` names."""
+# the folder that ``NUMBA_CACHE_DIR`` names, else that of the source, else the user's own
+_FOLDERS = (
+    caching.UserProvidedCacheLocator,
+    caching.InTreeCacheLocator,
+    caching.UserWideCacheLocator,
+)
 
 
 class _CacheImplementation(caching.CompileResultCacheImpl):
-    _locator_classes: list[Any] = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012 (as the base class declares it)
+    _locator_classes: list[Any] = [type(one.__name__, (_Stamped, one), {}) for one in _FOLDERS]  # noqa: RUF012 (as the base class declares it)
 
 
 class _Cache(caching.FunctionCache):

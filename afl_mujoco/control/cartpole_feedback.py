@@ -129,10 +129,7 @@ def upright_model(parameters: CartPoleParameters) -> LinearModel:
 
 
 def partially_linear_model(half_length: float, gravity: float) -> LinearModel:
-    """Return the model at upright under the input map (L1), its input z'' [m/s^2].
-
-    half_length, gravity: l [m] and g [m/s^2].
-    """
+    """Return the model at upright under (L1) for l [m] and g [m/s^2], its input z'' [m/s^2]."""
     share = 0.75 / half_length
     return _model(cart=(0.0, 1.0), pole=(share * gravity, share))
 
@@ -346,33 +343,23 @@ def _gains(
         raise InvalidValueError("the plant", rule, plant) from None
 
 
-_POLES = (
-    "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its fixed gains"
-)
+_BRYSON = {
+    "method": "LQR by Bryson's rule",
+    "largest_state": list(LARGEST_STATE),
+    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
+}
+_PLACED = {
+    "method": "pole placement",
+    "poles": "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its "
+    "fixed gains",
+}
+_BEHIND = {**_PLACED, "method": "pole placement behind the input map (L1)"}
 
 DESIGNS: Mapping[str, tuple[int, Design]] = MappingProxyType(
     {
-        "lqr": (
-            LINEAR,
-            Design(
-                lqr_gains,
-                {
-                    "method": "LQR by Bryson's rule",
-                    "largest_state": list(LARGEST_STATE),
-                    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
-                },
-            ),
-        ),
-        "pole-placement": (
-            LINEAR,
-            Design(placed_gains, {"method": "pole placement", "poles": _POLES}),
-        ),
-        "partial-linearization": (
-            PARTIAL,
-            Design(
-                outer_gains, {"method": "pole placement behind the input map (L1)", "poles": _POLES}
-            ),
-        ),
+        "lqr": (LINEAR, Design(lqr_gains, _BRYSON)),
+        "pole-placement": (LINEAR, Design(placed_gains, _PLACED)),
+        "partial-linearization": (PARTIAL, Design(outer_gains, _BEHIND)),
     }
 )
 """The baselines by name: kind of controller, and its gains."""

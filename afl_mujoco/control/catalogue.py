@@ -31,7 +31,7 @@ from afl_mujoco.control.gains import (
     beyond_table,
     shipped_data,
 )
-from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
+from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED, PAPER
 from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
 from afl_mujoco.control.scheduled import HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -130,10 +130,10 @@ def _build() -> dict[str, Controller]:
     catalogue: list[Controller] = [
         AFLController(name=n, gain_function=f) for n, f in functions.items()
     ]
-    for name in ("fixed", "adaptive"):
-        catalogue.append(
-            AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
-        )
+    catalogue += [
+        AFLController(name=f"{n}-nominal", gain_function=functions[n], belief=NOMINAL)
+        for n in PAPER
+    ]
     catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
     catalogue.append(PythonController(name=ANGLE, function=angle.force))
     catalogue += [

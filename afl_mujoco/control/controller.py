@@ -298,9 +298,9 @@ class Controller(Protocol):
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> float:
         """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
-        x = np.asarray(state, dtype=np.float64).tolist()
+        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         compiled = self.compiled_for(_range_of(assumed[None]))
-        return float(compiled_force(*compiled, *x, tuple(assumed.tolist())))
+        return float(compiled_force(*compiled, z, phi, z_dot, phi_dot, tuple(assumed.tolist())))
 
     def assumed_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float

@@ -57,10 +57,7 @@ GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
 @jitable
 def scheduled_gain(cart_mass, half_length, w):
-    """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
-
-    cart_mass, half_length: M [kg] and l [m]; floats or arrays.
-    """
+    """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1), for floats or arrays M [kg], l [m]."""
     gain = w[0]
     if w[1] != 0.0:
         gain = gain + w[1] * cart_mass ** w[2]

@@ -136,11 +136,7 @@ def force_kernel(
 
 @kernel
 def afl_force(state, inputs):
-    """Return the force [N] at one state from gains that are already looked up.
-
-    state: (z, phi, z_dot, phi_dot), shape (4,).
-    inputs: (M, m, l, g, K, lambda, Phi) as the controller assumes them, shape (7,).
-    """
+    """Return the force [N] from a state and (M, m, l, g, K, lambda, Phi) as assumed, shape (7,)."""
     return force_kernel(
         state[0], state[1], state[2], state[3],
         inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],

@@ -36,10 +36,7 @@ with."""
 
 
 def subject_of(names: Sequence[str]) -> str:
-    """Return the controller that findings are about.
-
-    It is the first of the user's own, else the paper's, else the first that is not LQR.
-    """
+    """Return whom findings are about: the first of one's own, else the paper's, else not LQR."""
     own = [name for name in names if name.removesuffix(ESTIMATED) not in NAMES]
     others = [name for name in names if name != REFERENCE]
     return next(iter([*own, *(name for name in others if name == SUBJECT), *others]), names[0])

@@ -131,11 +131,7 @@ _FIXED = shipped_data("gain_functions.json")["fixed"]
 
 
 def slope_at(angle: float, half_length: float) -> float:
-    """Return lambda [1/s].
-
-    angle: phi [rad].
-    half_length: l [m], as assumed.
-    """
+    """Return lambda [1/s] for phi [rad] and the assumed l [m]."""
     (near, far), (fast, slow) = ANGLES, SLOPES
     share = min(max((abs(angle) - near) / (far - near), 0.0), 1.0)
     slope: float = fast * (slow / fast) ** share * (half_length / LENGTH) ** EXPONENT

@@ -162,10 +162,9 @@ def fit(
     evaluations: int = 20,
     smooth: Residuals | None = None,
 ) -> Fit:
-    """Estimate parameters by the Levenberg-Marquardt method.
+    """Estimate parameters by the Levenberg-Marquardt method, from a first guess of the starts.
 
-    starts: First guess of the initial states of the windows, shape (B, L), of scales (L,).
-    clusters: Index of the log of each window, shape (B,).
+    The clusters are the index of the log of each window, shape (B,).
     """
     near = smooth or residuals
     scales = np.array([one.scale for one in parameters])

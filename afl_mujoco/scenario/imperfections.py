@@ -506,14 +506,8 @@ def _swept(name: str) -> Imperfection:
 IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""
 
-DRAWS: Mapping[str, Draw] = MappingProxyType(
-    dict(
-        sorted(
-            ((name, one.drawn) for name, one in DECLARATIONS.items() if one.drawn is not None),
-            key=lambda item: item[1].axis,
-        )
-    )
-)
+_DRAWN = {name: one.drawn for name, one in DECLARATIONS.items() if one.drawn is not None}
+DRAWS = MappingProxyType(dict(sorted(_DRAWN.items(), key=lambda item: item[1].axis)))
 """How each field that varies is drawn for random hardware, in the order of the axes."""
 
 IDEAL = Imperfections()  # the loop of the paper, without imperfections

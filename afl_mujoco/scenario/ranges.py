@@ -93,10 +93,7 @@ class Ranges:
         check_fields(self)
 
     def of_plant(self, plant: Plant, ends_at: Mapping[str, float]) -> Ranges:
-        """Return the same in the order of a plant's names, or raise.
-
-        ends_at: How far from 0 a run may not start, by name.
-        """
+        """Return the same in a plant's order, or raise; a run may only start within `ends_at`."""
         if self == FIXED:
             return self
         known, changing = variable(plant), scheduled(plant)

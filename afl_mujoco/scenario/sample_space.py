@@ -146,10 +146,7 @@ class SampleSpace:
         yield Quantity("duration", "s", self.scenario.duration)
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
-        """Return the scenario at a point of the cube.
-
-        point: One number in 0 to 1 for each coordinate, shape (dimension,).
-        """
+        """Return the scenario at a point of the cube, shape (dimension,)."""
         at, base = self._by_name(point), self.scenario
         plant = base.plant
         changing = scheduled(plant)

@@ -61,19 +61,12 @@ class Segment:
     impulse: tuple[float, ...]  # jumps of momenta at `start` [N s, N m s]
 
     def values_at(self, time: float) -> Floats:
-        """Return the parameters at `time`, the limit from inside the segment at both ends.
-
-        time: Time [s].
-        """
+        """Return the parameters at a time [s], the limit from inside the segment at both ends."""
         elapsed = time - self.start
         return np.array([value + rate * elapsed for value, rate in self.lines])
 
     def passes(self, names: Iterable[str], nodes: Mapping[str, Floats]) -> list[float]:
-        """Return the times inside the segment at which parameters pass nodes [s], increasing.
-
-        names: Of the parameters, in the order of `lines`.
-        nodes: Values by name.
-        """
+        """Return the increasing times [s] inside at which parameters pass nodes, in their order."""
         passed: list[float] = []
         for name, (value, rate) in zip(names, self.lines, strict=True):
             if rate and (at := nodes.get(name)) is not None:
@@ -85,10 +78,7 @@ class Segment:
         return found[1:]
 
     def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
-        """Return the parts between some times inside the segment; the first has the impulse.
-
-        times: Times [s], increasing.
-        """
+        """Return the parts between increasing times [s] inside; the first has the impulse."""
         cuts, none = (self.start, *times, self.end), (0.0,) * len(self.impulse)
         parts: list[Segment] = []
         for start, end in itertools.pairwise(cuts):
@@ -362,10 +352,9 @@ class Scenario:
         return _columns((schedule(times) for schedule in self.schedule.values()), len(times))
 
     def acting_rates(self, times: Floats) -> Floats:
-        """Return the rates of parameters that act on the motion at some times, 0 for the others.
+        """Return the rates [1/s] of parameters that act on the motion, 0 for the others.
 
-        times: Times [s], shape (N,), none of them a breakpoint.
-        Returns ndarray: Shape (N, parameters) [1/s].
+        At times [s], none of them a breakpoint, shape (N, parameters).
         """
         found = np.zeros((len(times), len(self.schedule)))
         for i, schedule in enumerate(self.schedule.values()):

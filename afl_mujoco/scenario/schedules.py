@@ -258,10 +258,7 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 
 
 def slew_limited(schedule: Schedule, rate: float) -> Schedule:
-    """Return the schedule that follows another with a limited rate, from its first value.
-
-    rate: Largest absolute slope [1/s].
-    """
+    """Return the schedule that follows another by at most a rate [1/s], from its first value."""
     rate = require_positive("rate", rate)
     knots = list(zip(schedule.times, schedule.values, strict=True))
     last = (math.inf, knots[-1][1])

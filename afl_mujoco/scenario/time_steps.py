@@ -23,11 +23,7 @@ LONGEST_STEP = 1e-3  # MuJoCo's longest step by default [s]
 
 
 def time_grid(scenario: Scenario, period: float) -> Floats:
-    """Return the multiples of `period` within the horizon together with every breakpoint.
-
-    period: Spacing of the grid [s].
-    Returns ndarray: Increasing times from 0 to the horizon [s], shape (N + 1,).
-    """
+    """Return multiples of a period [s] within the horizon and every breakpoint, shape (N + 1,)."""
     period = require_positive("timestep", period)
     if period > scenario.duration:
         raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
@@ -97,11 +93,7 @@ def _require_few(unit: str, length: float, step: float) -> None:
 
 
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
-    """Return how many steps make up `length`, or raise unless it is a whole number.
-
-    length: Length to be divided [s].
-    step: Length of a step [s].
-    """
+    """Return how many steps [s] make up a length [s], or raise unless it is a whole number."""
     step, length = require_positive(unit, step), require_positive(thing, length)
     _require_few(unit, length, step)
     count = round(length / step)
@@ -128,11 +120,9 @@ class Ticks(NamedTuple):
 
 
 def cut_period(period: float | None, timestep: float | None) -> Ticks:
-    """Return physics steps that divide a control period, or raise.
+    """Return physics steps that divide a control period [s], None for one step, or raise.
 
-    period: Control period [s]; None for one step.
-    timestep: Physics step [s]; None for the longest up to `LONGEST_STEP` that divides the period.
-        It may differ by `TYPED` from one that does.
+    A timestep may differ by `TYPED` from one that does; None is the longest up to `LONGEST_STEP`.
     """
     longest = LONGEST_STEP if timestep is None else require_positive("timestep", timestep)
     if period is None:
@@ -154,8 +144,7 @@ def ticks_of(
 ) -> Ticks:
     """Return how the control period of a scenario is cut into physics steps, or raise.
 
-    timestep: Physics step [s]; None for the longest up to 1 ms that divides the control period.
-    control_period: Control period for a scenario that does not set it [s]; None for one step.
+    The control period [s] is for a scenario that does not set it; None is one step.
     """
     own = scenario.imperfections.control_period
     period = control_period if own is None else own
@@ -204,11 +193,7 @@ DEFAULT = Deployed()
 
 
 def step_times(duration: float, timestep: float) -> Floats:
-    """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
-
-    duration: Horizon [s].
-    timestep: Physics step [s].
-    """
+    """Return the ends [s] of equal steps, the last one shortened to the horizon, shape (N + 1,)."""
     _require_few("timestep", duration, timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)
     times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
