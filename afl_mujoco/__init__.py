@@ -17,9 +17,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from afl_mujoco.control.cartpole_feedback import GainGrid, StateFeedback
     from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller
     from afl_mujoco.control.controller import Controller
-    from afl_mujoco.control.feedback import GainGrid, StateFeedback
     from afl_mujoco.control.gains import FIXED_GAINS, GainFunction, Gains
     from afl_mujoco.control.law import control_force, sliding_variable
     from afl_mujoco.errors import AflMujocoError
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "control.law": ("control_force", "sliding_variable"),
-    "control.feedback": ("GainGrid", "StateFeedback"),
+    "control.cartpole_feedback": ("GainGrid", "StateFeedback"),
     "control.catalogue": ("CONTROLLERS", "AFLController", "find_controller"),
     "control.gains": ("FIXED_GAINS", "GainFunction", "Gains"),
     "control.controller": ("Controller",),

@@ -53,7 +53,6 @@ def _imported(file: Path) -> frozenset[Path]:
 
 @functools.cache
 def _needed(file: Path) -> frozenset[Path]:
-    """Return a file and every file that it depends on."""
     needed, waiting = {file}, [file]
     while waiting:
         fresh = _imported(waiting.pop()) - needed
@@ -85,20 +84,16 @@ class _Stamped:
         return _fingerprint(Path(self._py_file))
 
 
-class _InTree(_Stamped, caching.InTreeCacheLocator):
-    """The cache beside the source, if it can be written."""
-
-
-class _UserWide(_Stamped, caching.UserWideCacheLocator):
-    """The cache in the user's own cache folder."""
-
-
-class _UserProvided(_Stamped, caching.UserProvidedCacheLocator):
-    """The cache that ``NUMBA_CACHE_DIR`` names."""
+# the folder that ``NUMBA_CACHE_DIR`` names, else that of the source, else the user's own
+_FOLDERS = (
+    caching.UserProvidedCacheLocator,
+    caching.InTreeCacheLocator,
+    caching.UserWideCacheLocator,
+)
 
 
 class _CacheImplementation(caching.CompileResultCacheImpl):
-    _locator_classes: list[Any] = [_UserProvided, _InTree, _UserWide]  # noqa: RUF012 (as the base class declares it)
+    _locator_classes: list[Any] = [type(one.__name__, (_Stamped, one), {}) for one in _FOLDERS]  # noqa: RUF012 (as the base class declares it)
 
 
 class _Cache(caching.FunctionCache):
@@ -133,7 +128,6 @@ class _PartLibrary(JITCodeLibrary):
         """Leave it to the callers."""
 
     def _finalize_final_module(self) -> None:
-        """Be ready to be linked."""
         self._finalize_dynamic_globals()
         self._verify_declare_only_symbols()
         self._finalized = True
@@ -151,7 +145,6 @@ class _NoEnvironment:
         self._codegen = codegen
 
     def __getattr__(self, name: str) -> Any:
-        """Return any other attribute."""
         return getattr(self._codegen, name)
 
     def set_env(self, name: str, environment: Any) -> None:
@@ -165,7 +158,6 @@ class _PartLowering(NativeLowering):
     _name = "part_lowering"
 
     def run_pass(self, state: Any) -> bool:
-        """Give it the library first."""
         state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return bool(super().run_pass(state))
@@ -175,7 +167,6 @@ class _PartCompiler(Compiler):
     """Numba's compiler with that pass."""
 
     def define_pipelines(self) -> list[Any]:
-        """Put it in the place of numba's."""
         found: list[Any] = super().define_pipelines()
         for one in found:
             one.passes = [
@@ -333,8 +324,6 @@ _DOUBLE = ir.DoubleType()
 
 
 def _load(typingctx: Any, address: Any) -> Any:
-    """Return the double at `address`."""
-
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.load(builder.inttoptr(arguments[0], _DOUBLE.as_pointer()), typ=_DOUBLE)
 
@@ -342,8 +331,6 @@ def _load(typingctx: Any, address: Any) -> Any:
 
 
 def _store(typingctx: Any, address: Any, value: Any) -> Any:
-    """Write the double `value` to `address`."""
-
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.store(arguments[1], builder.inttoptr(arguments[0], _DOUBLE.as_pointer()))
         return context.get_dummy_value()
@@ -352,8 +339,6 @@ def _store(typingctx: Any, address: Any, value: Any) -> Any:
 
 
 def _pointer(typingctx: Any, address: Any) -> Any:
-    """Return `address` as a pointer."""
-
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
 
@@ -361,8 +346,6 @@ def _pointer(typingctx: Any, address: Any) -> Any:
 
 
 def _call(typingctx: Any, address: Any, time: Any, x: Any, u: Any, p: Any, out: Any) -> Any:
-    """Call the function at `address`, as of `Callback`."""
-
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place, now, *arrays = arguments
         kinds = signature.args[2:]
@@ -376,15 +359,11 @@ def _call(typingctx: Any, address: Any, time: Any, x: Any, u: Any, p: Any, out: 
     return types.void(types.int64, types.float64, x, u, p, out), generate
 
 
-load: Any = intrinsic(_load)
-"""Compiled code only: ``load(address)`` is the double at `address`."""
+load: Any = intrinsic(_load)  # compiled code only: ``load(address)`` is the double at `address`
 
 call: Any = intrinsic(_call)
 """Compiled code only: ``call(address, time, x, u, p, out)`` calls a `Callback`; arrays are
 contiguous."""
 
-store: Any = intrinsic(_store)
-"""Compiled code only: ``store(address, value)`` writes the double `value` to `address`."""
-
-pointer: Any = intrinsic(_pointer)
-"""Compiled code only: ``pointer(address)`` is what numba's `carray` takes."""
+store: Any = intrinsic(_store)  # compiled code only: ``store(address, value)`` writes a double
+pointer: Any = intrinsic(_pointer)  # compiled code only: what numba's `carray` takes

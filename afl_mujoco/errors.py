@@ -19,8 +19,7 @@ class AflMujocoWarning(UserWarning):
 
 PROGRAM = "afl-mujoco"
 
-NO_NUL = "must not contain a NUL character"
-"""The rule of paths and of arguments of the command line."""
+NO_NUL = "must not contain a NUL character"  # of paths, and of arguments of commands
 
 
 def warning_in_one_line(
@@ -65,17 +64,10 @@ class AflMujocoError(Exception):
         super().__init__(printable(said))
 
     def within(self, place: str) -> AflMujocoError:
-        """Return the same error with `place` put before the thing it names.
-
-        Parameters
-        ----------
-        place
-            Where the thing stands, for example ``"scenario.toml:"`` or ``"schedule."``.
-        """
+        """Return the same error with a place, as ``"schedule."``, put before the thing it names."""
         return type(self)(f"{place}{self.thing}", self.rule, self.value)
 
     def __reduce__(self) -> tuple[type[AflMujocoError], tuple[str, str, object]]:
-        """Pickle by the three parts, so that a worker process can raise it."""
         return type(self), (self.thing, self.rule, self.value)
 
 

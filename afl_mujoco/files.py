@@ -35,8 +35,7 @@ Content = TypeVar("Content")
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 
 
-OURS = "afl_mujoco-"
-"""Part of the names of what is hidden while it is written; a run that was killed leaves it."""
+OURS = "afl_mujoco-"  # in names of what is hidden while written; a killed run leaves it
 
 
 @contextmanager
@@ -82,7 +81,6 @@ def _claimed(path: str | Path) -> int | None:
 
 
 def _remove_left_behind(folder: Path) -> None:
-    """Remove what runs that were killed have left in a folder."""
     for path in folder.glob(f".*{OURS}*"):
         with contextlib.suppress(OSError):
             held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
@@ -175,11 +173,8 @@ def output_folder(path: str | Path) -> Path:
     return folder
 
 
-MOST_TEXT = 500_000_000
-"""Largest size of a text file that is read [bytes]: a result of a day's work is smaller."""
-
-MOST_TOML = 10_000_000
-"""Largest size of a TOML file that is read [bytes]: they are written by hand."""
+MOST_TEXT = 500_000_000  # largest text file that is read [bytes]: results of a day are smaller
+MOST_TOML = 10_000_000  # largest size of a TOML file that is read [bytes]: they are written by hand
 
 
 def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
@@ -218,8 +213,7 @@ def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
         raise EncodingError(said) from None
 
 
-MOST_ARRAYS = 800_000_000
-"""Largest size of the arrays that are read from a file [bytes]: a run of ten million steps."""
+MOST_ARRAYS = 800_000_000  # largest arrays read from a file [bytes]: a run of ten million steps
 
 
 def array_names(path: Path) -> list[str]:
@@ -248,7 +242,6 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
 
 
 def _array_size(archive: zipfile.ZipFile, name: str) -> int:
-    """Return the size of an array by its header [bytes]."""
     with archive.open(f"{name}.npy") as stream:
         header = {
             (1, 0): np.lib.format.read_array_header_1_0,
@@ -380,7 +373,6 @@ def _in_one_line(error: Any, kind: Any) -> str:
 
 
 def _joined(key: str, part: str) -> str:
-    """Return the name of a part of a table."""
     return f"{key}.{part}" if key else part
 
 
@@ -449,7 +441,6 @@ def shortened(value: object) -> str:
 
 
 def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
-    """Return the pydantic adapter that reads and writes a dataclass."""
     from pydantic import ConfigDict, TypeAdapter
 
     optional: Any = kind | None  # pydantic takes no configuration for a bare dataclass
@@ -469,8 +460,7 @@ class _NestedLists:
         from pydantic_core import core_schema
 
         return core_schema.no_info_plain_validator_function(
-            _array,
-            serialization=core_schema.plain_serializer_function_ser_schema(_nested_lists),
+            _array, serialization=core_schema.plain_serializer_function_ser_schema(_nested_lists)
         )
 
 
@@ -479,7 +469,6 @@ FloatArray = Annotated[NDArray[np.float64], _NestedLists]
 
 
 def _array(value: object) -> NDArray[np.float64]:
-    """Return nested lists as an array, None as NaN."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
@@ -487,6 +476,5 @@ def _array(value: object) -> NDArray[np.float64]:
 
 
 def _nested_lists(array: NDArray[np.float64]) -> Any:
-    """Return an array as nested lists, NaN as None."""
     unknown = np.isnan(array)
     return (np.where(unknown, None, array) if unknown.any() else array).tolist()  # type: ignore[call-overload]

@@ -25,8 +25,7 @@ KNOWN = (*BACKENDS, "glfw", "disable", "disabled", "off", "false", "0", "enable"
 
 PACKAGES = "install Debian's libegl1 and libgl1 (EGL), or libosmesa6 (OSMesa)"
 
-PROBE_TIMEOUT = 60.0
-"""How long a backend may take to draw its first picture [s]; a second is usual."""
+PROBE_TIMEOUT = 60.0  # how long a backend may take to draw its first picture [s]; a second is usual
 
 _PROBE = """
 import mujoco
@@ -49,8 +48,7 @@ window = glfw.create_window(64, 64, "", None, None)
 raise SystemExit(None if window else "glfw cannot open a window")
 """
 
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-"""Variables that name a display, on Linux."""
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")  # variables that name a display, on Linux
 
 
 def choose_backend() -> str:
@@ -77,7 +75,6 @@ def choose_backend() -> str:
 
 
 def _installed(backend: str) -> bool:
-    """Return whether the libraries of a headless backend are found."""
     return all(any(map(ctypes.util.find_library, group)) for group in BACKENDS[backend])
 
 
@@ -89,7 +86,6 @@ def _use(backend: str, environment: MutableMapping[str, str] = os.environ) -> No
 
 
 def _undrawable(thing: str, refusals: Sequence[str]) -> GraphicsError:
-    """Return the error of what cannot draw."""
     return GraphicsError(thing, f"must be able to draw; {PACKAGES} ({'; '.join(refusals)})")
 
 

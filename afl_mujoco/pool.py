@@ -23,8 +23,7 @@ from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count, 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
 
-_came: list[int] = []
-"""The Ctrl-C's since the outermost `interrupts_noted` began."""
+_came: list[int] = []  # the Ctrl-C's since the outermost `interrupts_noted` began
 
 
 @contextmanager
@@ -142,8 +141,7 @@ def compute_all(
 
 SAFE_PATH = "PYTHONSAFEPATH"
 
-MAX_DEATHS = 4
-"""Deaths of workers after which the computation is given up, because it seems to kill them."""
+MAX_DEATHS = 4  # deaths of workers after which a computation is given up: it seems to kill them
 
 
 _idle: dict[int, ProcessPoolExecutor] | None = None
@@ -202,7 +200,6 @@ def open_processes(workers: int) -> Iterator[Executor]:
 
 
 def _new_pool(workers: int) -> ProcessPoolExecutor:
-    """Return a pool that has no process yet."""
     import multiprocessing
     from concurrent.futures import ProcessPoolExecutor
 
@@ -274,7 +271,6 @@ def _prepare(in_one_line: bool, collected_after: tuple[int, int, int]) -> None:
 
 
 def _exit_after_parent() -> None:
-    """Exit once the process that started this one has ended."""
     import multiprocessing
 
     if (parent := multiprocessing.parent_process()) is not None:
@@ -282,11 +278,8 @@ def _exit_after_parent() -> None:
         os._exit(1)
 
 
-PART = 32
-"""Items that a thread takes at a time: at most a second of work, after which it can stop."""
-
-Task = Callable[[slice], object]
-"""Processes some of the items; the result of one must not depend on those before."""
+PART = 32  # items that a thread takes at a time: at most a second of work, after which it can stop
+Task = Callable[[slice], object]  # on some items; independent of those before
 
 
 def require_threads(threads: int) -> int:
@@ -430,11 +423,9 @@ def _require_same_package(client: Any, address: str) -> None:
 
 
 def _error(address: str, rule: str, value: object = None) -> AflMujocoError:
-    """Return the error of a cluster."""
     return AflMujocoError(f"cluster {address}", rule, value)
 
 
 def _reason(error: Exception) -> str:
-    """Return what an error says, in one line."""
     silent = "no answer" if isinstance(error, TimeoutError) else type(error).__name__
     return " ".join(str(error).split()) or silent

@@ -16,8 +16,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
 
-Check = Callable[[str, Any], Any]
-"""``check(thing, value)`` returns the value as it is stored, or raises."""
+Check = Callable[[str, Any], Any]  # ``check(thing, value)``: the value as stored, or raises
 
 Value = TypeVar("Value")
 
@@ -63,8 +62,7 @@ def require_not_negative(thing: str, value: object) -> float:
     return number
 
 
-PER_SECOND = 1e12
-"""Instants that a second has: times within a picosecond are one."""
+PER_SECOND = 1e12  # instants that a second has: times within a picosecond are one
 
 
 def instant(time: float) -> float:
@@ -77,8 +75,7 @@ def require_time(thing: str, value: object) -> float:
     return instant(require_not_negative(thing, value))
 
 
-SMALLEST, LARGEST = 1e-9, 1e9
-"""Bounds of a plant's numbers in SI units; beyond them, products overflow."""
+SMALLEST, LARGEST = 1e-9, 1e9  # of a plant's numbers in SI units; beyond, products overflow
 
 
 def require_plausible(thing: str, value: object) -> float:
@@ -124,7 +121,6 @@ class ByName(dict[str, Value]):
     """Values by the plant's names; it can be hashed, and is not changed."""
 
     def __hash__(self) -> int:  # type: ignore[override]
-        """Return a hash, for a scenario is hashable."""
         return hash(frozenset(self.items()))
 
     def ordered(self, names: Sequence[str]) -> ByName[Value]:
@@ -172,7 +168,6 @@ class Checked:
     __slots__ = ()
 
     def __post_init__(self) -> None:
-        """Check every field and store it."""
         check_fields(self)
 
 
@@ -190,7 +185,6 @@ def checks(kind: Any) -> Mapping[str, Check]:
 
 
 def _optional(check: Check) -> Check:
-    """Return the check of a value that may be None."""
     return lambda thing, value: None if value is None else check(thing, value)
 
 

@@ -28,18 +28,19 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are
 
-from afl_mujoco.control import feedback as design
+from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control import scheduled as angle
 from afl_mujoco.control.controller import LINEAR, compiled_force
 from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.control.law import afl_force
 from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
-from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE, random_scenario
+from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.shared.search import Budget, minimise
 from research.gain_tuning import paper_scales
+from research.random_schedules import random_scenario
 
 TIMES = (0.0, 0.3, 0.8, 1.5, 3.0, 6.0, 12.0)
 """Knots in time [s], closest where the motion is fastest."""

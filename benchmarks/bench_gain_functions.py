@@ -30,12 +30,12 @@ import afl_mujoco as afl
 from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gains import GAIN_NAMES, scheduled_gain, shipped_data
 from afl_mujoco.pool import Executor, compute_all, open_executor
-from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import objective, with_objective
 from afl_mujoco.studies.shared.search import Budget, minimise
 from research.claims import compare
 from research.gain_tuning import GainTable, paper_scales
+from research.random_schedules import random_scenario
 from research.scheduled import scheduled_terms
 
 TIMESTEP = 2e-3

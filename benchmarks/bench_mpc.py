@@ -27,14 +27,14 @@ from bench_gain_functions import FIXED, told
 from scipy.linalg import solve_continuous_are
 
 import afl_mujoco as afl
-from afl_mujoco.control import feedback as design
+from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import compute_all, open_executor
-from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import with_objective
 from research.gain_tuning import paper_scales
+from research.random_schedules import random_scenario
 
 PERIOD = 0.02
 """Control period [s]."""

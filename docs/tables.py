@@ -14,8 +14,14 @@ from typing import Any
 
 from afl_mujoco.control.scheduled import ANGLES, slope_at
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.scenario.catalogue import LABORATORY, REASONS
-from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.catalogue import LABORATORY, START
+from afl_mujoco.scenario.imperfections import (
+    DECLARATIONS,
+    DRAWS,
+    IDEAL,
+    IMPERFECTIONS,
+    Imperfections,
+)
 from afl_mujoco.scenario.requirements import Requirements, asked_of, bands_of
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies.shared.contract import studies
@@ -263,8 +269,15 @@ def _factor(factor: float) -> str:
 def space_table() -> str:
     """Return the space of random hardware: unit, range, why."""
     rows = []
+    reasons = {
+        **{name: one.why for name, one in (*START.items(), *DRAWS.items())},
+        "cart_mass": "the paper's box",
+        "half_length": "the paper's box",
+        "last_change": "M and l change in the first half of the run, as in the paper",
+        "duration": "the paper's horizon",
+    }
     for name, unit, value in SampleSpace(LABORATORY).quantities():
         ends = value if isinstance(value, tuple) else (value,)
         text = " to ".join(f"{x:.4g}" for x in ends)
-        rows.append((f"`{name}`", unit, text, REASONS[name]))
+        rows.append((f"`{name}`", unit, text, reasons[name]))
     return cells_as_table(("field", "unit", "range", "why"), rows)

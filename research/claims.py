@@ -20,7 +20,6 @@ import afl_mujoco
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.control.gains import GAIN_NAMES, shipped_data
 from afl_mujoco.files import write_json
-from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, objective
 from afl_mujoco.studies.shared.record import versions
 from afl_mujoco.studies.verify.claims import (
@@ -54,6 +53,7 @@ from research.paper import (
     random_readings,
     terms_of,
 )
+from research.random_schedules import random_scenario
 from research.scheduled import scheduled_terms
 
 COMMAND = "make claims"

@@ -49,8 +49,6 @@ def _subject(name: str | None, scenario: Scenario) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _Deployed:
-    """How a controller is deployed."""
-
     timestep: float | None = None
     """Physics step of MuJoCo, and spacing of the instants of an ODE [s]; by default the longest up
     to 0.001 that divides the control period."""

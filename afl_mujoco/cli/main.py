@@ -58,7 +58,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    """Run the command line on streams that do not fail."""
     with interrupts_noted():
         try:
             with _warnings_in_one_line():
@@ -80,7 +79,6 @@ def _run(arguments: Sequence[str] | None) -> int:
 
 
 def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManager[None]:
-    """Return the block in which controllers have the limit of the command's option."""
     if seconds is None:
         return contextlib.nullcontext()
     from afl_mujoco.control.own import calls_limited_to
@@ -90,7 +88,6 @@ def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManage
 
 @contextlib.contextmanager
 def _warnings_in_one_line() -> Iterator[None]:
-    """Print warnings in one line each, without the source line that they stem from."""
     usual = warnings.formatwarning
     warnings.formatwarning = warning_in_one_line
     try:
@@ -208,7 +205,6 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
 
 
 def _options() -> dict[str, list[str]]:
-    """Return the options of each command as they are typed."""
     kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
     kinds |= dict(zip(listed(), of_studies, strict=True))

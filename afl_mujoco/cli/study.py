@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 TITLE = "Controllers in MuJoCo"
 
-DRAWN = (".svg", ".png", REPLAY)
-"""Endings of the files of figures and replays."""
+DRAWN = (".svg", ".png", REPLAY)  # endings of the files of figures and replays
 
 
 def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
@@ -103,7 +102,6 @@ def _mixed(records: Sequence[Record], films: Sequence[Entry]) -> Iterator[str]:
 
 
 def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
-    """Return the commands and versions that made each result."""
     from afl_mujoco.report.blocks import Section
     from afl_mujoco.report.markdown import code
 

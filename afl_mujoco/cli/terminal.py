@@ -135,7 +135,6 @@ def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
 
 
 def _lines(stream: IO[str]) -> Callable[[str, int], Callable[..., None]]:
-    """Return a function that reports progress in a line every `SECONDS`."""
     last = time.monotonic()
 
     def add(doing: str, total: int) -> Callable[..., None]:
@@ -201,5 +200,4 @@ class Output:
                 os.dup2(os.open(os.devnull, os.O_WRONLY), self._stream.fileno())
 
     def __getattr__(self, name: str) -> Any:
-        """Return what else a stream has, as its encoding."""
         return getattr(self._stream, name)

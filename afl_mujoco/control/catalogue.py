@@ -14,9 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control import scheduled as angle
-from afl_mujoco.control.controller import AFL, CompiledController, Controller, assumed_as_data
+from afl_mujoco.control.cartpole_feedback import DESIGNS, StateFeedback
+from afl_mujoco.control.controller import (
+    AFL,
+    CompiledController,
+    Controller,
+    PaperLaw,
+    assumed_as_data,
+)
 from afl_mujoco.control.estimator import EstimatedController
-from afl_mujoco.control.feedback import DESIGNS, StateFeedback
 from afl_mujoco.control.gains import (
     FIXED_GAINS,
     GAIN_NAMES,
@@ -25,8 +31,7 @@ from afl_mujoco.control.gains import (
     beyond_table,
     shipped_data,
 )
-from afl_mujoco.control.law import saturation_ratio
-from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED
+from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED, PAPER
 from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
 from afl_mujoco.control.scheduled import HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -42,13 +47,12 @@ class GainError(InvalidValueError):
 
 @functools.lru_cache(maxsize=256)
 def _compiled(gain_function: GainFunction) -> CompiledController:
-    """Return the paper's controller with a gain function, as compiled loops take it."""
     none = np.zeros(1)
     return CompiledController(AFL, gain_function.coefficients[None], none, none)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AFLController(Controller):
+class AFLController(PaperLaw):
     """The control law (L1)-(L10) with its gains and the parameters it assumes.
 
     Attributes
@@ -67,15 +71,9 @@ class AFLController(Controller):
     belief: CartPoleParameters | None = None
 
     def __post_init__(self) -> None:
-        """Validate the kind of every field."""
         require_type("controller name", self.name, str)
         require_type("gain_function", self.gain_function, GainFunction)
         require_type("belief", self.belief, CartPoleParameters | None)
-
-    @property
-    def kind(self) -> int:
-        """The paper's control law."""
-        return AFL
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: (G1) has a gain for every plant."""
@@ -100,20 +98,6 @@ class AFLController(Controller):
         _require_positive_gains(inputs.reshape(-1, 7))
         return inputs
 
-    def saturation_ratio(
-        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return s / Phi at each of many states: beyond +-1 the switching term is saturated.
-
-        Parameters
-        ----------
-        states
-            Shape (N, 4).
-        inputs
-            From `inputs_along_run`, shape (N, 7).
-        """
-        return saturation_ratio(states, inputs)
-
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""
         return {
@@ -124,7 +108,6 @@ class AFLController(Controller):
 
 
 def _require_positive_gains(inputs: NDArray[np.float64]) -> None:
-    """Raise if a gain along the run is not positive."""
     for column, name in enumerate(GAIN_NAMES, start=4):
         bad = ~(inputs[:, column] > 0.0)
         if np.any(bad):
@@ -137,7 +120,6 @@ def _require_positive_gains(inputs: NDArray[np.float64]) -> None:
 
 
 def _build() -> dict[str, Controller]:
-    """Return the catalogue."""
     retuned = shipped_data("gain_functions.json")
     functions = {
         "fixed": GainFunction.constant(FIXED_GAINS),
@@ -148,10 +130,10 @@ def _build() -> dict[str, Controller]:
     catalogue: list[Controller] = [
         AFLController(name=n, gain_function=f) for n, f in functions.items()
     ]
-    for name in ("fixed", "adaptive"):
-        catalogue.append(
-            AFLController(name=f"{name}-nominal", gain_function=functions[name], belief=NOMINAL)
-        )
+    catalogue += [
+        AFLController(name=f"{n}-nominal", gain_function=functions[n], belief=NOMINAL)
+        for n in PAPER
+    ]
     catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
     catalogue.append(PythonController(name=ANGLE, function=angle.force))
     catalogue += [

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import nullcontext
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
-from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
+from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force, sliding_and_drift
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
-from afl_mujoco.scenario.scenario import Segment
+from afl_mujoco.scenario.scenario import Scenario, Segment
+
+Floats = NDArray[np.float64]
 
 AFL, LINEAR, PARTIAL, AFFINE, CALLED = 0, 1, 2, 3, 4
 """Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state
@@ -29,9 +32,9 @@ class CompiledController(NamedTuple):
 
     kind: int  # `AFL`, `LINEAR` or `PARTIAL`
     # its numbers, float64, C-contiguous, of three dimensions, as `compiled_force` describes them
-    table: NDArray[np.float64]
-    masses: NDArray[np.float64]  # nodes M [kg] and l [m] of the table
-    lengths: NDArray[np.float64]
+    table: Floats
+    masses: Floats  # nodes M [kg] and l [m] of the table
+    lengths: Floats
 
 
 @kernel
@@ -234,11 +237,11 @@ class Controller(Protocol):
         """Return remarks on an estimator that cannot follow a run, one sentence each."""
         return []
 
-    def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def nodes(self, plants: PlantRange) -> tuple[Floats, Floats]:
         """Return the M [kg] and the l [m] of the true plant at which its gains are not smooth."""
         return np.empty(0), np.empty(0)
 
-    def rows_along(self, segment: Segment) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def rows_along(self, segment: Segment) -> tuple[Floats, Floats]:
         """Return the times at which gains along a segment have kinks, and rows between these."""
         raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
 
@@ -259,15 +262,13 @@ class Controller(Protocol):
             return cart_mass, pole_mass, half_length, gravity
         return b.cart_mass, b.pole_mass, b.half_length, b.gravity
 
-    def assumed_values(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def assumed_values(self, values: Floats) -> Floats:
         """Return what the controller assumes of the parameters, shape (parameters,)."""
         if self.plant.states != CART_POLE.states:
             return values
         return np.array(self.assumed_parameters(*values.tolist()))
 
-    def nodes_within(
-        self, spans: Mapping[str, tuple[float, float]]
-    ) -> dict[str, NDArray[np.float64]]:
+    def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of true parameters at which its gains are not smooth, by name."""
         if self.plant.states != CART_POLE.states:
             return {}
@@ -276,43 +277,34 @@ class Controller(Protocol):
         return dict(zip(("cart_mass", "half_length"), self.nodes(plants), strict=True))
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, from the compiled controller.
+        """Return the force [N] at a state (z, phi, z_dot, phi_dot) of a plant of known parameters.
 
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        truth
-            The plant's true parameters now.
-        time
-            Time [s]; used only by a Python controller.
-
-        Raises
-        ------
-        ControllerDomainError
-            If the controller has no force at the pole angle; the paper's has none outside
-            ``|phi| < pi/2``.
+        Only a Python controller uses the time [s]. Raises `ControllerDomainError` if a compiled
+        controller has no force at the pole angle; the paper's has none outside ``|phi| < pi/2``.
         """
-        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         p = truth
         assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        compiled = self.compiled_for(PlantRange.of(p))
-        force = float(compiled_force(*compiled, z, phi, z_dot, phi_dot, assumed))
-        if math.isnan(force) and not abs(phi) < 0.5 * np.pi:
+        force = float(self.command(time, state, np.array(assumed)))
+        compiled = not (self.interpreted or self.stateful)  # the others answer NaN
+        if (
+            compiled
+            and math.isnan(force)
+            and not abs(phi := float(np.asarray(state)[1])) < 0.5 * np.pi
+        ):
             raise ControllerDomainError(
                 "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
             )
         return force
 
-    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
+    def command(self, time: float, state: ArrayLike, assumed: Floats) -> float:
         """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
-        x = np.asarray(state, dtype=np.float64).tolist()
+        z, phi, z_dot, phi_dot = np.asarray(state, dtype=np.float64).tolist()
         compiled = self.compiled_for(_range_of(assumed[None]))
-        return float(compiled_force(*compiled, *x, tuple(assumed.tolist())))
+        return float(compiled_force(*compiled, z, phi, z_dot, phi_dot, tuple(assumed.tolist())))
 
     def assumed_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return the assumed (M, m, l, g) for true M and l of shape (...), shape (..., 4)."""
         masses = np.asarray(cart_mass, dtype=np.float64)
         assumed = np.empty((*masses.shape, 4))
@@ -321,7 +313,7 @@ class Controller(Protocol):
             assumed[..., 0], assumed[..., 2] = masses, half_length
         return assumed
 
-    def inputs_for(self, plant: Plant, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return the inputs of the controller for rows of told parameters, shape (N, numbers)."""
         if plant.states != CART_POLE.states:
             rule = f"is of the cart-pole; for plant {plant.name!r} use lqr, or your own"
@@ -331,7 +323,7 @@ class Controller(Protocol):
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return the inputs of the compiled controller along a run: assumed (M, m, l, g), gains.
 
         For true M and l of shape (...), shape (..., 7) or (..., 8): the paper's controller has
@@ -339,15 +331,10 @@ class Controller(Protocol):
         """
         assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
         rows = assumed.reshape(-1, 4)
-        inputs: NDArray[np.float64] = inputs_along(*self.compiled_for(_range_of(rows)), rows)
+        inputs: Floats = inputs_along(*self.compiled_for(_range_of(rows)), rows)
         return inputs.reshape((*assumed.shape[:-1], inputs.shape[1]))
 
-    def forces(
-        self,
-        states: NDArray[np.float64],
-        inputs: NDArray[np.float64],
-        times: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+    def forces(self, states: Floats, inputs: Floats, times: Floats | None = None) -> Floats:
         """Return the force [N] at each of N states, shape (N, 4); NaN outside its domain.
 
         Inputs are those of `inputs_for`; only a Python controller uses the times [s]. Of several
@@ -358,14 +345,28 @@ class Controller(Protocol):
         forces_along(self.kind, *rows, found)
         return found[:, 0] if found.shape[1] == 1 else found
 
-    def saturation_ratio(
-        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
-    ) -> NDArray[np.float64] | None:
+    def saturation_ratio(self, states: Floats, inputs: Floats) -> Floats | None:
         """Return s / Phi at each of N states, for `forces`; None without a boundary layer."""
         return None
 
 
-def _range_of(assumed: NDArray[np.float64]) -> PlantRange:
+class PaperLaw(Controller, Protocol):
+    """A controller by the control law (L1)-(L10)."""
+
+    @property
+    def kind(self) -> int:
+        """The paper's control law."""
+        return AFL
+
+    def saturation_ratio(self, states: Floats, inputs: Floats) -> Floats:
+        """Return s / Phi at each of N states: beyond +-1 the switching term is saturated."""
+        z, phi, z_dot, phi_dot = states.T
+        length, gravity, slope, layer = inputs.T[[2, 3, 5, 6]]
+        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, length, gravity, slope)
+        return np.asarray(surface / layer)
+
+
+def _range_of(assumed: Floats) -> PlantRange:
     """Return the range of plants in rows of assumed (M, m, l, g), with m and g constant."""
     masses, lengths = (
         (float(column.min()), float(column.max())) for column in (assumed[:, 0], assumed[:, 2])
@@ -376,3 +377,138 @@ def _range_of(assumed: NDArray[np.float64]) -> PlantRange:
 def assumed_as_data(belief: CartPoleParameters | None) -> Any:
     """Return assumed parameters as plain data, for provenance: ``"true"`` or the parameters."""
     return "true" if belief is None else {k: getattr(belief, k) for k in belief.__slots__}
+
+
+# A controller along a segment of a run, as compiled loops call it at any time in it.
+
+WINDOW, MOST_EVALUATIONS = 0.02, 20_000
+"""Simulated time [s], and most calls of a controller in Python within it, where it is evaluated
+continuously.
+
+A step takes 12; the paper's controllers, whose force has kinks, need fewer than 1000. One
+that is not a smooth function of the state needs more than any number.
+"""
+
+
+class Law(NamedTuple):
+    """A controller along a segment."""
+
+    kind: int
+    # as of `CompiledController`, for those of the cart-pole
+    table: Floats
+    masses: Floats
+    lengths: Floats
+    assumed: Floats  # what is assumed of the parameters, NaN for the true ones
+    # of one that is affine: times at which its rows have a kink [s], and between these the rows as
+    # polynomials of the share of the way, shapes (K,) and (K - 1, numbers, degree + 1)
+    knots: Floats
+    rows: Floats
+    row: Floats  # work space
+    address: int  # of one that is called
+
+
+@jitable
+def command(law, time, state, values, out):
+    """Write the inputs of a controller at a time of the segment, NaN where it has none.
+
+    values: The true parameters; overwritten by what the controller assumes of them.
+    """
+    for i in range(len(out)):
+        out[i] = np.nan
+    if law.kind == CALLED:
+        call(law.address, time, state, out, values, out)
+        return
+    if law.kind == AFFINE:
+        _row_at(law, time)
+        force_from_inputs(AFFINE, state, law.row, out)
+        return
+    for i in range(len(values)):
+        if not np.isnan(law.assumed[i]):
+            values[i] = law.assumed[i]
+    out[0] = compiled_force(
+        law.kind, law.table, law.masses, law.lengths, state[0], state[1], state[2], state[3],
+        (values[0], values[1], values[2], values[3]),
+    )  # fmt: skip
+
+
+@jitable
+def _row_at(law, time):
+    k = 0
+    while k < len(law.rows) - 1 and time >= law.knots[k + 1]:
+        k += 1
+    share = (time - law.knots[k]) / (law.knots[k + 1] - law.knots[k])
+    for i in range(len(law.row)):
+        value = 0.0
+        for j in range(law.rows.shape[2] - 1, -1, -1):
+            value = value * share + law.rows[k, i, j]
+        law.row[i] = value
+
+
+class Laws:
+    """A controller on a scenario, segment by segment."""
+
+    def __init__(
+        self, controller: Controller, scenario: Scenario, *, continuous: bool = True
+    ) -> None:
+        """Take a controller that is called continuously, or once for each step that it is held."""
+        plant, self.controller, none = scenario.plant, controller, np.empty(0)
+        count = len(plant.parameters)
+        self.callback: Callback | None = None
+        self._segment: Segment | None = None  # the one that the law of an affine one is along
+        self._law = Law(AFFINE, np.empty((0, 0, 0)), none, none, np.full(count, np.nan), none,
+                        np.empty((0, 0, 0)), none, 0)  # fmt: skip
+        if controller.interpreted or controller.stateful:
+            own = controller.start()
+            ask = _Counted(own) if continuous else _asked(own)
+            sizes = len(plant.states), len(plant.inputs), count, len(plant.inputs)
+            self.callback = Callback(ask, sizes)
+            self._law = self._law._replace(kind=CALLED, address=self.callback.address)
+        elif controller.kind != AFFINE:
+            compiled = controller.compiled_for(scenario.plants)._asdict()
+            assumed = np.array(controller.assumed_parameters(*[np.nan] * 4))
+            self._law = self._law._replace(**compiled, assumed=assumed)
+
+    def along(self, segment: Segment) -> Law:
+        """Return it along a segment."""
+        if self._law.kind != AFFINE:
+            return self._law
+        if segment is not self._segment:  # an integrator in Python asks for it at each stage
+            knots, rows = self.controller.rows_along(segment)
+            self._law = self._law._replace(knots=knots, rows=rows, row=np.empty(rows.shape[1]))
+            self._segment = segment
+        return self._law
+
+    def watched(self) -> Any:
+        """Return the block in which compiled code runs; it raises what the controller raises."""
+        return nullcontext() if self.callback is None else self.callback.watched()
+
+
+def _asked(own: Controller) -> Any:
+    """Return a controller as a `Callback` calls it."""
+
+    def ask(time: float, state: Floats, _: Floats, values: Floats, out: Floats) -> None:
+        out[:] = own.command(time, state, own.assumed_values(values))
+
+    return ask
+
+
+class _Counted:
+    """The same, which raises if it is called too often."""
+
+    def __init__(self, own: Controller) -> None:
+        self.ask, self.name = _asked(own), own.name
+        self.count, self.until = 0, WINDOW
+
+    def __call__(self, time: float, *rest: Any) -> None:
+        if time >= self.until:
+            self.count, self.until = 0, time + WINDOW
+        self.count += 1
+        if self.count > MOST_EVALUATIONS:
+            rule = (
+                "must give a force that is a smooth function of time and state where it is "
+                "evaluated continuously, not one that is rounded (float32), switches, or remembers "
+                f"earlier calls: at t = {time:g} s its run needs more than {MOST_EVALUATIONS} "
+                f"evaluations for {WINDOW:g} s; only sampled mode runs it"
+            )
+            raise InvalidValueError(f"controller {self.name!r}", rule)
+        self.ask(time, *rest)

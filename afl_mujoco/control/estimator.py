@@ -15,13 +15,9 @@ from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-from afl_mujoco.values import (
-    Positive,
-    Switch,
-    check_fields,
-    require_positive,
-    require_type,
-)
+from afl_mujoco.values import Positive, Switch, check_fields, require_positive, require_type
+
+Floats = NDArray[np.float64]
 
 STATES = 6  # length of the estimator's state
 
@@ -173,7 +169,6 @@ def update(filter_, settings, z, phi, force, dt):
 
 @kernel
 def _excited(filter_, settings, i):
-    """Return whether the motion excites M (0) or l (1)."""
     return abs(filter_.excitation[i]) > settings.least_excitation[i]
 
 
@@ -265,7 +260,6 @@ SETTINGS = np.dtype(
 
 
 def _range(name: str, value: object) -> tuple[float, float]:
-    """Return a range as two floats, or raise unless they are positive and increasing."""
     require_type(name, value, Iterable)
     numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
     if len(numbers) != 2 or not numbers[0] < numbers[1]:
@@ -325,7 +319,6 @@ class EstimatorSettings:
     force_sensed: Switch = False
 
     def __post_init__(self) -> None:
-        """Check every field by its type, and that the first assumption is in its range."""
         check_fields(self)
         for name in ("cart_mass", "half_length"):
             least, largest = getattr(self, f"{name}_range") or (0.0, math.inf)
@@ -398,7 +391,6 @@ class EstimatedController(Controller):
     not_compiled: ClassVar[str] = 'uses the estimator; only mode "sampled" supports it'
 
     def __post_init__(self) -> None:
-        """Validate the kind of every field."""
         require_type("controller name", self.name, str)
         require_type("settings", self.settings, EstimatorSettings)
         thing = f"controller inside {self.name!r}"

@@ -42,7 +42,6 @@ class Gains:
     boundary_layer: float
 
     def __post_init__(self) -> None:
-        """Validate every field and store it as a float."""
         for field in fields(self):
             value = require_positive(field.name, getattr(self, field.name))
             object.__setattr__(self, field.name, value)
@@ -58,10 +57,7 @@ GAIN_NAMES = ("switching", "slope", "boundary_layer")
 
 @jitable
 def scheduled_gain(cart_mass, half_length, w):
-    """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1).
-
-    cart_mass, half_length: M [kg] and l [m]; floats or arrays.
-    """
+    """Return one gain C = w1 + w2 M^w3 + w4 l^w5, Eq. (G1), for floats or arrays M [kg], l [m]."""
     gain = w[0]
     if w[1] != 0.0:
         gain = gain + w[1] * cart_mass ** w[2]
@@ -97,7 +93,6 @@ class GainFunction:
     boundary_layer: tuple[float, ...]
 
     def __post_init__(self) -> None:
-        """Validate every coefficient and store it as a float."""
         for name in GAIN_NAMES:
             require_type(f"{name} coefficients", getattr(self, name), Iterable)
             w = tuple(require_finite(f"{name} coefficients", x) for x in getattr(self, name))
@@ -107,40 +102,21 @@ class GainFunction:
 
     @classmethod
     def constant(cls, gains: Gains) -> GainFunction:
-        """Return the gain function that always gives `gains`.
-
-        Parameters
-        ----------
-        gains
-            The constant gains.
-        """
+        """Return the gain function that always gives the same gains."""
         return cls(**{name: (getattr(gains, name), 0.0, 0.0, 0.0, 0.0) for name in GAIN_NAMES})
 
     @classmethod
     def published(cls) -> GainFunction:
-        """Return the paper's coefficients, Table 2.
-
-        Raises
-        ------
-        FileError
-            If the package's data file is missing or malformed.
-        """
+        """Return the paper's coefficients, Table 2."""
         return cls._shipped("gain_function.json")
 
     @classmethod
     def retuned(cls) -> GainFunction:
-        """Return the coefficients fitted to the package's own gain table, with lambda damped.
-
-        Raises
-        ------
-        FileError
-            If the package's data file is missing or malformed.
-        """
+        """Return the coefficients fitted to the package's own gain table, with lambda damped."""
         return cls._shipped("gain_functions.json")
 
     @classmethod
     def _shipped(cls, name: str) -> GainFunction:
-        """Return the coefficients of a data file of the package."""
         table = shipped_data(name)
         with reading(name, "is not a gain function"):
             return cls(**{gain: tuple(table["coefficients"][gain]) for gain in GAIN_NAMES})
@@ -156,18 +132,7 @@ class GainFunction:
         return np.array([getattr(self, name) for name in GAIN_NAMES])
 
     def gains(self, cart_mass: float, half_length: float) -> Gains:
-        """Return the gains for one plant, Eq. (G1).
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            M [kg] and l [m].
-
-        Raises
-        ------
-        InvalidValueError
-            If a gain is not positive.
-        """
+        """Return the gains for M [kg] and l [m], Eq. (G1), or raise if one is not positive."""
         return Gains(
             **{
                 name: scheduled_gain(cart_mass, half_length, getattr(self, name))

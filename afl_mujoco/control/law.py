@@ -97,18 +97,14 @@ def commanded_acceleration(surface, drift, input_gain, switching, boundary_layer
     return -drift / input_gain + switching * saturation(surface / boundary_layer)
 
 
-_xi1, _xi2, _xi3, _xi4 = xi1, xi2, xi3, xi4
-_alpha, _beta, _linearizing_force = alpha, beta, linearizing_force
-
-
 @jitable
 def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):
     """Return s of Eq. (L8) and a of Eq. (L9)."""
-    x1 = _xi1(z, phi, half_length)
-    x2 = _xi2(z_dot, phi, phi_dot, half_length)
-    x3 = _xi3(phi, phi_dot, half_length, gravity)
-    x4 = _xi4(phi, phi_dot, half_length, gravity)
-    drift = surface_drift(_alpha(phi, phi_dot, half_length, gravity), x2, x3, x4, slope)
+    x1 = xi1(z, phi, half_length)
+    x2 = xi2(z_dot, phi, phi_dot, half_length)
+    x3 = xi3(phi, phi_dot, half_length, gravity)
+    x4 = xi4(phi, phi_dot, half_length, gravity)
+    drift = surface_drift(alpha(phi, phi_dot, half_length, gravity), x2, x3, x4, slope)
     return sliding_surface(x1, x2, x3, x4, slope), drift
 
 
@@ -116,11 +112,10 @@ def sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope):
 def _force(
     z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity, switching, slope, layer
 ):
-    """Return F of Eqs. (L1) and (L10)."""
     surface, drift = sliding_and_drift(z, phi, z_dot, phi_dot, half_length, gravity, slope)
-    gain = _beta(phi, phi_dot, half_length, gravity)
+    gain = beta(phi, phi_dot, half_length, gravity)
     u = commanded_acceleration(surface, drift, gain, switching, layer)
-    return _linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravity)
+    return linearizing_force(u, phi, phi_dot, cart_mass, pole_mass, half_length, gravity)
 
 
 @kernel
@@ -141,11 +136,7 @@ def force_kernel(
 
 @kernel
 def afl_force(state, inputs):
-    """Return the force [N] at one state from gains that are already looked up.
-
-    state: (z, phi, z_dot, phi_dot), shape (4,).
-    inputs: (M, m, l, g, K, lambda, Phi) as the controller assumes them, shape (7,).
-    """
+    """Return the force [N] from a state and (M, m, l, g, K, lambda, Phi) as assumed, shape (7,)."""
     return force_kernel(
         state[0], state[1], state[2], state[3],
         inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],
@@ -228,15 +219,3 @@ def _components(state: ArrayLike) -> NDArray[np.float64]:
             f"{np.extract(outside, phi)[0]:g} rad",
         )
     return components
-
-
-def saturation_ratio(
-    states: NDArray[np.float64], inputs: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return s / Phi at each of many states.
-
-    inputs: M, m, l, g, K, lambda, Phi, shape (N, 7).
-    """
-    z, phi, z_dot, phi_dot = states.T
-    surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, inputs[:, 2], inputs[:, 3], inputs[:, 5])
-    return np.asarray(surface / inputs[:, 6])

@@ -8,28 +8,20 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
 
-PAPER = ("fixed", "adaptive")
-"""The paper's two controllers, the default where results are for the paper."""
+PAPER = ("fixed", "adaptive")  # the paper's two controllers, the default where results are for it
 
-AFL = (
-    *PAPER,
-    *(f"{name}-retuned" for name in PAPER),
-    *(f"{name}-nominal" for name in PAPER),
-)
+AFL = (*PAPER, *(f"{name}-retuned" for name in PAPER), *(f"{name}-nominal" for name in PAPER))
 """Feedback linearisation: the paper's gains; gains found here; nominal M and l assumed."""
 
 HELD = "adaptive-held"
 """Feedback linearisation with gains found here, chosen when a run starts and kept: it remembers,
 so that only sampled mode supports it."""
 
-ANGLE = "adaptive-angle"
-"""Feedback linearisation, its slope scheduled by the pole's angle; called by the interpreter."""
-
+ANGLE = "adaptive-angle"  # feedback linearisation, its slope by the pole's angle; interpreted
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 """State feedback controllers to compare it with."""
 
-NAMES = (*AFL, HELD, ANGLE, *BASELINES)
-"""Every controller of the catalogue, in its order."""
+NAMES = (*AFL, HELD, ANGLE, *BASELINES)  # every controller of the catalogue, in its order
 
 INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n not in (HELD, ANGLE))
 """Compiled controllers that know the true M(t) and l(t) at every instant, nothing of the past."""
@@ -44,10 +36,7 @@ with."""
 
 
 def subject_of(names: Sequence[str]) -> str:
-    """Return the controller that findings are about.
-
-    It is the first of the user's own, else the paper's, else the first that is not LQR.
-    """
+    """Return whom findings are about: the first of one's own, else the paper's, else not LQR."""
     own = [name for name in names if name.removesuffix(ESTIMATED) not in NAMES]
     others = [name for name in names if name != REFERENCE]
     return next(iter([*own, *(name for name in others if name == SUBJECT), *others]), names[0])

@@ -32,6 +32,8 @@ from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive, require_type
 
+Floats = NDArray[np.float64]
+
 ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 
 _WRITES = ("STORE_GLOBAL", "DELETE_GLOBAL", "STORE_DEREF", "DELETE_DEREF")
@@ -158,7 +160,6 @@ def _writes(code: types.CodeType, outside: Collection[str]) -> str:
 
 
 def _takes(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
-    """Return whether a function takes these arguments; False if it has no signature."""
     try:
         inspect.signature(function).bind(*arguments)
     except (TypeError, ValueError):
@@ -166,14 +167,11 @@ def _takes(function: Callable[..., Any], arguments: tuple[Any, ...]) -> bool:
     return True
 
 
-Function = Callable[[float, NDArray[np.float64], CartPoleParameters], Any]
+Function = Callable[[float, Floats, CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
 
-CALL_LIMIT = 1.0
-"""How long one call of a controller may take [s], unless `calls_limited_to` says otherwise."""
-
-FIRST_CALL_LIMIT = 60.0
-"""How long the first call may take [s], in which a library compiles or a network is loaded."""
+CALL_LIMIT = 1.0  # how long one call may take [s], unless `calls_limited_to` says otherwise
+FIRST_CALL_LIMIT = 60.0  # the same of the first call [s]: a library compiles, a network is loaded
 
 _limit: ContextVar[float] = ContextVar("call_limit", default=CALL_LIMIT)
 
@@ -235,7 +233,6 @@ class PythonController(Controller):
     not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"
 
     def __post_init__(self) -> None:
-        """Validate the kind of every field, and that a run can be started."""
         require_type("controller name", self.name, str)
         require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
@@ -250,7 +247,6 @@ class PythonController(Controller):
         return self if function is self.function else replace(self, function=function)
 
     def _fresh(self) -> Function:
-        """Return the function for one run, or raise if there is none."""
         function = fresh(self._known_as, self.function)
         require_controller_function(self._known_as, function)
         return function  # type: ignore[no-any-return]
@@ -261,7 +257,7 @@ class PythonController(Controller):
         plain = not self.stateful or makes_controllers(self.function)
         return "" if plain else why_it_remembers(self.function)
 
-    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> Any:
+    def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the force [N] at a state and assumed parameters, NaN where it has none.
 
         Of a plant with several inputs, shape (k,).
@@ -307,37 +303,25 @@ class PythonController(Controller):
         """What it is called in messages about it, the same in every run."""
         return self.spec or self.name
 
-    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, NaN where it has none; see `Controller.force`."""
-        p = truth
-        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        return float(self.command(time, state, np.array(assumed)))
-
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return the inputs along a run: the assumed (M, m, l, g), shape (..., 4)."""
         return self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
 
-    def inputs_for(self, plant: Plant, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return the inputs: what is assumed of the parameters, in rows."""
         if plant.states == CART_POLE.states:
             return Controller.inputs_for(self, plant, values)
         return values
 
-    def forces(
-        self,
-        states: NDArray[np.float64],
-        inputs: NDArray[np.float64],
-        times: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+    def forces(self, states: Floats, inputs: Floats, times: Floats | None = None) -> Floats:
         """Return the force [N] at each of many states; see `Controller.forces`."""
         clock_times = np.zeros(len(states)) if times is None else times
         rows = zip(clock_times.tolist(), states, inputs, strict=True)
         return np.array([self.command(*row) for row in rows], dtype=np.float64)
 
     def __reduce__(self) -> Any:
-        """Pickle a controller that was loaded by name by that name."""
         given = {one.name: getattr(self, one.name) for one in fields(self) if one.init}
         return _restored, (given if self.spec is None else {**given, "function": None},)
 
@@ -375,7 +359,7 @@ def _as_float(value: Any) -> float:
     return float(element)
 
 
-def _as_floats(value: Any, count: int) -> NDArray[np.float64]:
+def _as_floats(value: Any, count: int) -> Floats:
     """Return numbers from a sequence, an array or a tensor of any library, or raise."""
     detach = getattr(value, "detach", None)
     array = np.asarray(detach() if callable(detach) else value)
@@ -451,7 +435,6 @@ def _limited(seconds: float) -> Iterator[None]:
 
 
 def _source_hash(function: object) -> str | None:
-    """Return a hash of the file that defines a function, or None if there is none."""
     with contextlib.suppress(TypeError, OSError):
         file = inspect.getsourcefile(function)  # type: ignore[arg-type]
         if file is not None:
@@ -459,12 +442,12 @@ def _source_hash(function: object) -> str | None:
     return None
 
 
-def load_python_controller(spec: str, belief: CartPoleParameters | None = None) -> PythonController:
+def load_python_controller(spec: str) -> PythonController:
     """Return the controller that a module or a file defines, named ``module.attribute``."""
     place, _, attribute = spec.partition(":")
     spec = f"{_module_of(place) or place}:{attribute}"
     name = spec.replace(":", ".")
-    return PythonController(name=name, function=load_attribute(spec), belief=belief, spec=spec)
+    return PythonController(name=name, function=load_attribute(spec), spec=spec)
 
 
 def load_attribute(spec: str) -> Any:

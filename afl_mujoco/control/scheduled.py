@@ -11,11 +11,13 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.control.controller import AFL, CompiledController, Controller, assumed_as_data
+from afl_mujoco.control.controller import CompiledController, PaperLaw, assumed_as_data
 from afl_mujoco.control.gains import Gains, beyond_table, shipped_data
-from afl_mujoco.control.law import afl_force, saturation_ratio
+from afl_mujoco.control.law import afl_force
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
+
+Floats = NDArray[np.float64]
 
 DAMPING = 0.2
 """Exponent by which the slope follows the table: of those tried, the one that most often has a
@@ -23,7 +25,7 @@ lower objective than the fixed gains on random schedules (`benchmarks/bench_gain
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldController(Controller):
+class HeldController(PaperLaw):
     """The control law (L1)-(L10) with gains that are chosen at the start of a run.
 
     ``lambda = lambda_0 (lambda_table(M, l) / lambda_0)^DAMPING`` with M and l as assumed at the
@@ -37,20 +39,14 @@ class HeldController(Controller):
     _chosen: list[Gains] | None = field(default=None, repr=False, compare=False)
 
     @property
-    def kind(self) -> int:
-        """The paper's control law."""
-        return AFL
-
-    @property
     def stateful(self) -> bool:
         """It remembers its gains."""
         return True
 
     def gains(self, cart_mass: float, half_length: float) -> Gains:
         """Return the gains of a run that starts with M [kg] and l [m]."""
-        slope = _table_slope()(
-            (np.clip(cart_mass, *_ends(CART_MASSES)), np.clip(half_length, *_ends(HALF_LENGTHS)))
-        )
+        mass = np.clip(cart_mass, CART_MASSES[0], CART_MASSES[-1])
+        slope = _table_slope()((mass, np.clip(half_length, HALF_LENGTHS[0], HALF_LENGTHS[-1])))
         base = self.fixed.slope
         return Gains(
             switching=self.fixed.switching,
@@ -64,7 +60,7 @@ class HeldController(Controller):
 
     def inputs_along_run(
         self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Return M, m, l, g along a run and the gains of its first instant, shape (..., 7)."""
         assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
         first = assumed.reshape(-1, 4)[0]
@@ -73,12 +69,6 @@ class HeldController(Controller):
         inputs[..., :4] = assumed
         inputs[..., 4:] = gains.switching, gains.slope, gains.boundary_layer
         return inputs
-
-    def saturation_ratio(
-        self, states: NDArray[np.float64], inputs: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return s / Phi at each of many states; arguments as for `Controller.forces`."""
-        return saturation_ratio(states, inputs)
 
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return where a plant lies beyond the table."""
@@ -92,13 +82,7 @@ class HeldController(Controller):
         """Return the controller for one run, which chooses its gains at the first call."""
         return replace(self, _chosen=[])
 
-    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state of a run begun by `start`; arguments as in the base."""
-        p = truth
-        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        return self.command(time, state, np.array(assumed))
-
-    def command(self, time: float, state: ArrayLike, assumed: NDArray[np.float64]) -> float:
+    def command(self, time: float, state: ArrayLike, assumed: Floats) -> float:
         """Return the force [N], NaN where the controller has none; `assumed` is (M, m, l, g)."""
         if self._chosen is None:
             _need_a_start(self.name)
@@ -124,12 +108,6 @@ def _need_a_start(name: str) -> NoReturn:
     raise InvalidValueError(f"controller {name!r}", rule)
 
 
-def _ends(nodes: ArrayLike) -> tuple[float, float]:
-    """Return the ends of an axis of the table."""
-    found = np.asarray(nodes)
-    return float(found[0]), float(found[-1])
-
-
 @cache
 def _table_slope() -> Any:
     """Return the slope of the shipped table over (M, l), linear between its plants."""
@@ -144,27 +122,16 @@ def _table_slope() -> Any:
     return RegularGridInterpolator((masses, lengths), slopes)
 
 
-ANGLES = (math.radians(20.0), math.radians(60.0))
-"""abs(phi) between which ln(lambda) is linear [rad]."""
-
-SLOPES = (5.0, 3.0)
-"""lambda at those, for l = `LENGTH` [1/s]; tuned by `benchmarks/bench_equal_effort.py`."""
-
-EXPONENT, LENGTH = -0.25, 0.5
-"""lambda goes with (l / LENGTH)^EXPONENT; l in m."""
-
-BOX = (1.0, 5.0)
-"""Least and largest lambda [1/s] (decision D8)."""
+ANGLES = (math.radians(20.0), math.radians(60.0))  # abs(phi) between which ln(lambda) is linear
+SLOPES = (5.0, 3.0)  # lambda there at l = LENGTH [1/s]; of `benchmarks/bench_equal_effort.py`
+EXPONENT, LENGTH = -0.25, 0.5  # lambda goes with (l / LENGTH)^EXPONENT; l in m
+BOX = (1.0, 5.0)  # least and largest lambda [1/s] (decision D8)
 
 _FIXED = shipped_data("gain_functions.json")["fixed"]
 
 
 def slope_at(angle: float, half_length: float) -> float:
-    """Return lambda [1/s].
-
-    angle: phi [rad].
-    half_length: l [m], as assumed.
-    """
+    """Return lambda [1/s] for phi [rad] and the assumed l [m]."""
     (near, far), (fast, slow) = ANGLES, SLOPES
     share = min(max((abs(angle) - near) / (far - near), 0.0), 1.0)
     slope: float = fast * (slow / fast) ** share * (half_length / LENGTH) ** EXPONENT

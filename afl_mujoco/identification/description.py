@@ -29,13 +29,10 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """SI value of each unit, by signal."""
 
 
-SMALLEST = 1e-4
-"""Smallest value of masses, lengths and forces in SI units; the largest value is its inverse."""
+SMALLEST = 1e-4  # smallest mass, length and force in SI units; the largest is its inverse
 
 
 def _unit_of(signal: str) -> Check:
-    """Return the check of a unit of a signal."""
-
     def check(thing: str, value: Any) -> Any:
         if value not in UNITS[signal]:
             raise UnknownNameError.among(f"{signal}.{thing}", value, UNITS[signal])

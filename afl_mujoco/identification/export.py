@@ -34,10 +34,7 @@ from afl_mujoco.simulation.trajectory import Trajectory
 
 DURATION = 10.0  # duration of the scenario [s]
 TILT = 0.1  # initial angle of the pole, and its variation to either side [rad]
-
-UNCERTAIN = 0.5
-"""Half-width of an interval, relative to its estimate, from which nothing is drawn from it."""
-
+UNCERTAIN = 0.5  # relative half-width of an interval from which nothing is drawn
 NORMAL = 1.959964  # half-width of an interval of 95 % in standard errors
 
 

@@ -29,8 +29,7 @@ from afl_mujoco.identification.prediction import explained
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-WINDOW = 0.5
-"""Length of the windows that are fitted [s]: three times the time constant of a pole of 0.4 m."""
+WINDOW = 0.5  # length of fitted windows [s]: three time constants of a pole of 0.4 m
 
 LEAST_SHARE = 0.5
 """Share of the duration of the logs from which the rest may be judged: below it, what is lost may
@@ -219,7 +218,6 @@ def _require_one_rig(
 
 
 def _require_cause(found: Fit, description: Description) -> None:
-    """Raise if the force acts before the row of its command."""
     delay, high = found.estimates["delay"].value, found.estimates["delay"].high
     if high < 0.0 and delay < -EARLY * description.period:
         raise InvalidValueError(
@@ -322,7 +320,6 @@ def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[
 
 
 def _errors(model: rig.Rig, names: Sequence[str], known: Mapping[str, float]) -> Residuals:
-    """Return the errors of a model for values of some parameters, others being known."""
     measured = np.stack([model.windows.z, model.windows.phi], axis=1)
 
     def errors(shared: Array, own: Array) -> Array:
@@ -351,7 +348,6 @@ def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, f
 
 
 def _step(fit: Fit, windows: Windows) -> Step:
-    """Return a fit to the angle, or to position and angle, as a `Step`."""
     return Step(
         estimates=tuple(fit.estimates.values()),
         correlations=tuple(tuple(row) for row in fit.correlations.tolist()),
@@ -416,7 +412,6 @@ def require_radians(logs: Sequence[Log], description: Description) -> None:
 
 
 def _share_explained(logs: Sequence[Log], factor: float) -> float:
-    """Return the share of the curvature of the angle that gravity and the cart explain."""
     left, curvature = [], []
     for log in logs:
         angle, t = np.unwrap(factor * log.phi), log.time

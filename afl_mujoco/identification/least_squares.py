@@ -18,21 +18,13 @@ Array = NDArray[np.float64]
 Residuals = Callable[[Array, Array], Array]
 """``residuals(shared, starts)``: shapes (p,) and (B, L) to (B, R), in units of their scatter."""
 
-ROBUST = 3.0
-"""Residuals beyond this many times their scatter count by their size, not by its square."""
-
+ROBUST = 3.0  # beyond so many scatters residuals count by size, not by square
 LEAST_SCATTER = 1e-12  # least scatter of residuals: those of a simulation may be zero
 SETTLED = 0.05  # relative change of the scatter below which it has converged
 ROUNDS = 6  # largest number of rounds to find the scatter
-
-FEW_CLUSTERS = 8
-"""Number of logs below which windows are taken to be independent, for want of anything better."""
-
+FEW_CLUSTERS = 8  # fewer logs, and windows count as independent, for want of better
 STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
-
-FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6
-"""First and largest damping of the Levenberg-Marquardt method."""
-
+FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6  # of Levenberg and Marquardt's method
 TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
@@ -125,7 +117,6 @@ def fit_to_scatter(
     clusters: NDArray[np.int64],
     *,
     start_scale: Array,
-    evaluations: int = 8,
     smooth: Residuals | None = None,
 ) -> Fit:
     """Estimate parameters and the unknown scatter of the signals, alternately.
@@ -138,7 +129,7 @@ def fit_to_scatter(
         before, scatter = scatter, _scatter(rest, mask)
         found = fit(
             _in_scatters(errors, mask, scatter), now, starts, clusters, start_scale=start_scale,
-            evaluations=evaluations, smooth=_in_scatters(smooth or errors, mask, scatter),
+            evaluations=8, smooth=_in_scatters(smooth or errors, mask, scatter),
         )  # fmt: skip
         starts = found.starts
         now = [
@@ -171,10 +162,9 @@ def fit(
     evaluations: int = 20,
     smooth: Residuals | None = None,
 ) -> Fit:
-    """Estimate parameters by the Levenberg-Marquardt method.
+    """Estimate parameters by the Levenberg-Marquardt method, from a first guess of the starts.
 
-    starts: First guess of the initial states of the windows, shape (B, L), of scales (L,).
-    clusters: Index of the log of each window, shape (B,).
+    The clusters are the index of the log of each window, shape (B,).
     """
     near = smooth or residuals
     scales = np.array([one.scale for one in parameters])
@@ -251,7 +241,6 @@ class _Reduced:
 
 
 def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced:
-    """Return the linear least-squares problem about a point, from the result of `derivatives`."""
     root = np.sqrt(weights)
     shared, own = root[..., None] * shared, root[..., None] * own
     q, r = np.linalg.qr(own)
@@ -336,11 +325,7 @@ def fitted_starts(
 
 
 def derivatives(
-    residuals: Residuals,
-    shared: Array,
-    starts: Array,
-    steps: Array,
-    own_steps: Array,
+    residuals: Residuals, shared: Array, starts: Array, steps: Array, own_steps: Array
 ) -> tuple[Array, Array]:
     """Return the finite-difference derivatives in the shared parameters and in the starts."""
     base = residuals(shared, starts)
@@ -370,11 +355,7 @@ def _cost(rest: Array) -> float:
 
 
 def _covariance(
-    shared: Array,
-    own: Array,
-    rest: Array,
-    clusters: NDArray[np.int64],
-    free: NDArray[np.bool_],
+    shared: Array, own: Array, rest: Array, clusters: NDArray[np.int64], free: NDArray[np.bool_]
 ) -> tuple[Array, int]:
     """Return the covariance of the shared parameters, and its degrees of freedom.
 

@@ -17,21 +17,18 @@ from afl_mujoco.files import atomic_file, read_utf8
 from afl_mujoco.identification.description import UNITS, Description
 from afl_mujoco.values import require_distinct, within
 
+Floats = NDArray[np.float64]
+
 MOST_BYTES = 100_000_000  # largest size of a file that is read
 LEAST_ROWS = 50  # least number of rows of a log: a second at 50 Hz
-
-PERIOD_DIFFERENCE = 0.1
-"""Largest relative difference between the period of a log and the nominal period."""
-
+PERIOD_DIFFERENCE = 0.1  # largest relative difference of a period from the nominal one
 LARGEST = 1e20  # bound on the numbers in a log: nanoseconds since 1970 are below it
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
 its stamps to be late at random [period]; beyond it, its readings tell."""
 
-FOLLOWED = 0.2
-"""Share of the difference of a stamp by which the clock follows it, until its period is known."""
-
+FOLLOWED = 0.2  # share of a stamp's difference by which the clock follows it at first
 LEAST_ROUGHNESS = 1e-12  # readings that are smoother than this are taken to be alike [m, rad]
 
 
@@ -42,16 +39,16 @@ class Log:
     name: str  # name of its file, without the suffix
     # time since the first row [s], shape (N,); multiples of the device's own period if its stamps
     # only scatter about them
-    time: NDArray[np.float64]
+    time: Floats
     # readings of the angle [rad], shape (N,), upright at the zero that the description gives; if
     # there is a dead zone, the readings above it less 2 pi, so that they grow from end to end
-    phi: NDArray[np.float64]
+    phi: Floats
     # whole turns to add, shape (N,): the angle is continuous where a reading jumps from end to end
-    turns: NDArray[np.float64]
+    turns: Floats
     valid: NDArray[np.bool_]  # where the reading of the angle is valid, shape (N,)
-    z: NDArray[np.float64]  # position of the cart [m], shape (N,)
+    z: Floats  # position of the cart [m], shape (N,)
     # command, held from the time of a row to that of the next, shape (N,)
-    command: NDArray[np.float64]
+    command: Floats
     # number of periods from the first row to each, whole, shape (N,): more than one more than that
     # of the row before where rows are missing
     slots: NDArray[np.int64]
@@ -69,7 +66,7 @@ class Log:
         return float(self.time[-1])
 
     @property
-    def angle(self) -> NDArray[np.float64]:
+    def angle(self) -> Floats:
         """The unwrapped angle [rad] from the valid readings, linear across the dead zone."""
         there = self.valid
         known = self.phi[there] + 2.0 * np.pi * self.turns[there]
@@ -99,16 +96,14 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
 
 
 def write_log(
-    path: Path,
-    columns: NDArray[np.float64],
-    names: Sequence[str] = ("time", "phi", "z", "command"),
+    path: Path, columns: Floats, names: Sequence[str] = ("time", "phi", "z", "command")
 ) -> None:
     """Write columns of numbers in SI units as a log, by default with the default names."""
     with atomic_file(path) as temporary:
         np.savetxt(temporary, columns.T, "%.9g", ",", header=",".join(names), comments="")
 
 
-def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Description) -> Log:
+def log_of(name: str, table: dict[str, Floats], description: Description) -> Log:
     """Return a log from its columns by header, in the units of the description, or raise."""
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
@@ -146,9 +141,7 @@ def log_of(name: str, table: dict[str, NDArray[np.float64]], description: Descri
     return _on_its_clock(log)
 
 
-def _stamps(
-    stamps: NDArray[np.float64], description: Description
-) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+def _stamps(stamps: Floats, description: Description) -> tuple[Floats, NDArray[np.int64], float]:
     """Return the time stamps [s], their slots and the usual time between them [s], or raise."""
     d = description
     time = UNITS["time"][d.time.unit] * (stamps - stamps[0])
@@ -167,9 +160,7 @@ def _stamps(
     return time, _slots(time, float(slope), float(origin), 0.25 * FOLLOWED), period
 
 
-def _slots(
-    time: NDArray[np.float64], period: float, clock: float, followed: float
-) -> NDArray[np.int64]:
+def _slots(time: Floats, period: float, clock: float, followed: float) -> NDArray[np.int64]:
     """Return how many periods each stamp is after the first.
 
     The clock follows the stamps slowly: rounding each step by itself would take a late stamp and an
@@ -199,7 +190,7 @@ def _on_its_clock(log: Log) -> Log:
     return replace(log, time=regular, period=float(slope), jitter=jitter)
 
 
-def _smoother(log: Log, time: NDArray[np.float64]) -> float:
+def _smoother(log: Log, time: Floats) -> float:
     """Return how far the readings are from cubics through their neighbours, for some times [1].
 
     The logarithms of the medians over both signals: only differences between two times matter.
@@ -220,9 +211,7 @@ def _smoother(log: Log, time: NDArray[np.float64]) -> float:
     return far
 
 
-def _require_motion(
-    phi: NDArray[np.float64], z: NDArray[np.float64], description: Description
-) -> None:
+def _require_motion(phi: Floats, z: Floats, description: Description) -> None:
     d = description
     for signal, values, count, header in (
         ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
@@ -232,7 +221,7 @@ def _require_motion(
             raise InvalidValueError(header, f"must vary: the {signal} is constant in this log")
 
 
-def _read(path: Path, headers: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+def _read(path: Path, headers: Sequence[str]) -> dict[str, Floats]:
     numbered = _lines(path)
     lines = [line for _, line in numbered]
     separator = _separator(lines[0], headers)
@@ -285,8 +274,7 @@ def _lines(path: Path) -> list[tuple[int, str]]:
     return found
 
 
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}
-"""What may separate the values of a row, and its name."""
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}  # of the values of a row
 
 
 def _separator(header: str, wanted: Sequence[str]) -> str:
@@ -299,20 +287,13 @@ def _separator(header: str, wanted: Sequence[str]) -> str:
     return max(SEPARATORS, key=found)
 
 
-SEEN = 6
-"""Readings of the angle that a window must have among its first rows, to find its initial state."""
-
+SEEN = 6  # readings of the angle among its first rows that a window needs for its start
 FINE = 0.01  # readings that are closer together [s] are thinned out; all commands are used
-
-GAP = 1.5
-"""Gap between two rows, in units of their spacing, from which a row is missing between them."""
-
-STEP = 5e-3
-"""Approximate step of a simulation [s]: a whole fraction of the time between two readings."""
+GAP = 1.5  # gap between rows, in their spacing, from which a row is missing there
+STEP = 5e-3  # approximate step of a simulation [s]: a whole fraction of that of readings
 
 
-LEAST = 10
-"""Rows that a window must have: a lost row ends it, since the command after it is not known."""
+LEAST = 10  # rows that a window must have: a lost row ends it, its command is not known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -324,15 +305,15 @@ class Windows:
     log: NDArray[np.int64]
     first: NDArray[np.int64]
     # as in `Log`, shape (B, n); where there is no row, the time that it would have
-    time: NDArray[np.float64]
-    phi: NDArray[np.float64]
-    turns: NDArray[np.float64]
-    z: NDArray[np.float64]
-    there: NDArray[np.float64]  # 1 where there is a row of the window, else 0, shape (B, n)
+    time: Floats
+    phi: Floats
+    turns: Floats
+    z: Floats
+    there: Floats  # 1 where there is a row of the window, else 0, shape (B, n)
     # 1 where there is one whose reading of the angle is valid, else 0, shape (B, n)
-    valid: NDArray[np.float64]
+    valid: Floats
     # first guess of the initial states (z, phi, z_dot, phi_dot), shape (B, 4)
-    starts: NDArray[np.float64]
+    starts: Floats
     spacing: float  # time between two rows that are used [s]
     step: float  # step of a simulation [s]
     # number of stretches that would have been windows, but whose angle is not known at the start or
@@ -422,9 +403,7 @@ def cut(
     )
 
 
-def _part(
-    log: Log, row: int, last: int, ahead: NDArray[np.int64]
-) -> dict[str, NDArray[np.float64]]:
+def _part(log: Log, row: int, last: int, ahead: NDArray[np.int64]) -> dict[str, Floats]:
     """Return the columns of a window: rows so many periods ahead of one, at most a last one."""
     slots = log.slots[row] + ahead
     rows = np.minimum(np.searchsorted(log.slots, slots), last)

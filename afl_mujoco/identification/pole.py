@@ -43,7 +43,6 @@ def _coulomb_rates(at, space, x, force, friction, way):
 
 @borrowing_kernel
 def _after(at, space, x, force, friction, way, h):
-    """Return the state after a step of RK4 in which `way` does not change."""
     z, phi, v, w = x
     a1, b1 = _coulomb_rates(at, space, x, force, friction, way)
     v2, w2 = v + 0.5 * h * a1, w + 0.5 * h * b1
@@ -182,7 +181,6 @@ class Drive:
     _tracks: Sequence[Any] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Put a spline through the recorded positions of each log."""
         found = []
         for log in self.windows.logs:
             some = slice(None, None, stride_of(log.period))

@@ -67,10 +67,7 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
 Array = NDArray[np.float64]
 
 AWAY = 0.5  # angle from upright beyond which a small error does not grow by itself [rad]
-
-LONG_GAP = 5.0
-"""Gap between two rows, in units of their spacing, from which a prediction is left out."""
-
+LONG_GAP = 5.0  # gap between rows, in their spacing, that a prediction may not have
 SEEN = 5  # number of readings of the angle that a fitted state needs
 
 
@@ -234,7 +231,6 @@ def _rms(errors: Array) -> float:
 
 
 def _counts(errors: Array, resolution: float) -> float | None:
-    """Return the root of the mean square in counts; None without a resolution."""
     return _rms(errors) / resolution if resolution > 0.0 else None
 
 

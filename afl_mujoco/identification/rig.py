@@ -25,8 +25,7 @@ from mujoco import rollout  # isort: skip
 
 Array = NDArray[np.float64]
 
-START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])
-"""Scale of the changes of a start (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]."""
+START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])  # of (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]
 
 
 def parameters_of(description: Description) -> list[Parameter]:
@@ -93,7 +92,6 @@ def model_of(
 
 
 def _become(model: CartPoleModel, plant: CartPoleParameters, imperfections: Imperfections) -> None:
-    """Make a model that of another cart-pole."""
     model.set_imperfections(imperfections)
     model.set_parameters(plant)
     model.compute_only()
@@ -150,11 +148,7 @@ class Rig:
         return np.concatenate([starts[:, None], found[..., 1:5]], axis=1)
 
     def _exact_motion(
-        self,
-        plant: CartPoleParameters,
-        imperfections: Imperfections,
-        starts: Array,
-        forces: Array,
+        self, plant: CartPoleParameters, imperfections: Imperfections, starts: Array, forces: Array
     ) -> Array:
         """Return the states under the dry friction of Coulomb; arguments as MuJoCo gets them."""
         track = np.empty((len(starts), forces.shape[1] + 1, 4))

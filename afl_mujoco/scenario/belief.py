@@ -17,11 +17,8 @@ from afl_mujoco.values import (
     within,
 )
 
-TRUE, NOMINAL = "true", "nominal"
-"""The scenario's value at each instant; its value at t = 0, before anything is drawn."""
-
-ERROR = "_error"
-"""Ending of the name of a parameter's error, where errors have names: in sweeps and ranges."""
+TRUE, NOMINAL = "true", "nominal"  # the value at each instant; at t = 0, before draws
+ERROR = "_error"  # ending of the name of a parameter's error, in sweeps and ranges
 
 
 def require_error(name: str, value: Any) -> float:
@@ -40,7 +37,6 @@ class Assumed:
     error: Annotated[float, require_error] = 0.0  # relative error, above -1: 0.1 is 10 % too large
 
     def __post_init__(self) -> None:
-        """Validate both fields."""
         if self.value not in (TRUE, NOMINAL):
             if isinstance(self.value, str):
                 kinds = (TRUE, NOMINAL, "a number")
@@ -150,5 +146,4 @@ def is_error(path: str) -> bool:
     return path.endswith(ERROR)
 
 
-TRUTH = Belief()
-"""Controllers are told the truth at each instant."""
+TRUTH = Belief()  # controllers are told the truth at each instant

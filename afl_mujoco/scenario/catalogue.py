@@ -1,4 +1,4 @@
-"""The paper's scenarios, its schedules drawn at random, and random laboratory hardware."""
+"""The paper's scenarios, and random laboratory hardware."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-import numpy as np
-from numpy.random import Generator
-
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import DRAWS, IDEAL
 from afl_mujoco.scenario.ranges import FIXED, Range, Ranges
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Schedule, staircase, trapezoid
+from afl_mujoco.scenario.schedules import staircase, trapezoid
 
 # Decision D3: Fig. 6 is not in the paper's text, so values and times are ours.
 _CART_MASS = {
@@ -55,37 +52,7 @@ def is_published(scenario: Scenario) -> bool:
     return SCENARIOS.get(scenario.name) == scenario
 
 
-CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)
-"""The paper's box of M [kg] and l [m]."""
-
-LAST_CHANGE = 10.0
-"""Latest time at which the schedules change [s], half the horizon."""
-
-GRID = 2e-3
-"""The instants of change are multiples of this [s]."""
-
-
-def random_scenario(seed: int, index: int) -> Scenario:
-    """Return the scenario of a seed and an index: a random schedule of M and one of l.
-
-    Each is, with even odds, two steps between three levels or a trapezoid between two, as in
-    decision D3; levels are uniform in the box, instants uniform over `LAST_CHANGE`.
-    """
-    rng = np.random.default_rng((seed, index))
-    boxes = {"cart_mass": CART_MASS_RANGE, "half_length": HALF_LENGTH_RANGE}
-    schedule = {name: _shape(rng, box) for name, box in boxes.items()}
-    return Scenario(name=f"random-{seed}-{index:05d}", schedule=schedule)
-
-
-def _shape(rng: Generator, levels: tuple[float, float]) -> Schedule:
-    """Return a random step or trapezoid between levels of a range."""
-    is_step = rng.random() < 0.5
-    instants = 1 + rng.choice(round(LAST_CHANGE / GRID), 2 if is_step else 4, replace=False)
-    times = tuple((np.sort(instants) * GRID).tolist())
-    drawn = rng.uniform(*levels, 3 if is_step else 2).tolist()
-    if is_step:
-        return staircase(times, tuple(drawn))
-    return trapezoid(times, low=drawn[0], high=drawn[1])
+CART_MASS_RANGE, HALF_LENGTH_RANGE = (0.1, 2.0), (0.05, 1.0)  # the paper's box of M [kg] and l [m]
 
 
 class Start(NamedTuple):
@@ -108,10 +75,7 @@ START: Mapping[str, Start] = MappingProxyType(
 )
 """The initial state of random hardware."""
 
-HARDWARE_RANGES: Mapping[str, Range] = MappingProxyType(
-    {name: draw.range for name, draw in DRAWS.items()}
-)
-"""The imperfections of random hardware."""
+HARDWARE_RANGES = MappingProxyType({n: draw.range for n, draw in DRAWS.items()})  # imperfections
 
 LABORATORY = Scenario(
     name="laboratory",
@@ -126,18 +90,6 @@ LABORATORY = Scenario(
     ),
 )
 """The paper's plant and horizon on random hardware; M and l change in the first half."""
-
-REASONS: Mapping[str, str] = MappingProxyType(
-    {
-        **{name: start.why for name, start in START.items()},
-        "cart_mass": "the paper's box",
-        "half_length": "the paper's box",
-        "last_change": "M and l change in the first half of the run, as in the paper",
-        **{name: draw.why for name, draw in DRAWS.items()},
-        "duration": "the paper's horizon",
-    }
-)
-"""The reason for each number of `LABORATORY`."""
 
 
 def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:

@@ -7,17 +7,9 @@ from typing import Annotated
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.values import (
-    Checked,
-    Positive,
-    Time,
-    check_fields,
-    instant,
-    require_finite,
-)
+from afl_mujoco.values import Checked, Positive, Time, check_fields, instant, require_finite
 
-LARGEST = 1e5
-"""Largest force [N] or momentum [N s] of a disturbance that a simulator has to handle."""
+LARGEST = 1e5  # largest force [N] or momentum [N s] of a disturbance that a simulator has to handle
 
 
 def require_moderate(thing: str, value: object) -> float:
@@ -52,7 +44,6 @@ class ForcePulse:
     coordinate: str = ""
 
     def __post_init__(self) -> None:
-        """Validate every field and store it as a float."""
         check_fields(self)
         if not self.start < self.end:
             rule = "must be at least a picosecond"
@@ -69,13 +60,7 @@ class ForcePulse:
         return self.start, self.end
 
     def force_at(self, time: float) -> float:
-        """Return the force [N] at `time`, after the edge if there is one.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
+        """Return the force [N] at a time [s], after the edge if there is one."""
         return self.force if self.start <= time < self.end else 0.0
 
 

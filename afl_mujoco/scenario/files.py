@@ -80,7 +80,6 @@ _BUILDERS = {**_SCHEDULES, **_DISTURBANCES}
 
 
 def _union(builders: Mapping[str, Callable[..., Any]]) -> Any:
-    """Return a union of tables for pydantic, one per shape, its keys the arguments of a builder."""
     types = {Sequence[float]: list[float], Sequence[Schedule]: list["_Schedule"]}
     members: list[Any] = []
     for shape, builder in builders.items():
@@ -310,7 +309,6 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
 
 
 def _plant_to_table(plant: Plant) -> dict[str, Any]:
-    """Return what a result keeps of a plant."""
     found = {name: getattr(plant, name) for name in ("name", "origin", "upright", "start")}
     found |= {name: [*getattr(plant, name)] for name in ("coordinates", "inputs", "wraps")}
     nominal = {name: one.value for name, one in plant.parameters.items()}
@@ -344,7 +342,6 @@ def _knots(schedule: Schedule) -> Any:
 
 
 def _read(path: Path) -> _File:
-    """Return the content of a TOML file."""
     text = toml_as_json(path)
     if text == "{}":  # a file that was never filled in would run as the nominal scenario
         raise FileError(str(path), "must have at least one key: it is empty or all comments")
@@ -434,7 +431,6 @@ def _scenario(file: _File, default_name: str, folder: Path | None = None) -> Sce
 
 
 def _built(table: Any) -> Any:
-    """Build a schedule or a disturbance from its table."""
     arguments = {f.name: getattr(table, f.name) for f in fields(table) if f.name != "shape"}
     if "pieces" in arguments:
         pieces: list[Schedule] = []

@@ -33,11 +33,8 @@ from afl_mujoco.values import (
     within,
 )
 
-LARGEST_SEED = 2**63 - 1
-"""What a TOML file can hold."""
-
-FINEST_STEP = 1e-12
-"""Finest step of an encoder [m, rad]: a position divided by a much finer step overflows."""
+LARGEST_SEED = 2**63 - 1  # what a TOML file can hold
+FINEST_STEP = 1e-12  # of an encoder [m, rad]: a position divided by a finer one overflows
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -301,7 +298,6 @@ class Imperfections(Checked):
 
 
 def _some(levels: Any) -> bool:
-    """Return whether one of some levels, or a level for all, is not 0."""
     return any(levels.values()) if isinstance(levels, Mapping) else bool(levels)
 
 
@@ -318,8 +314,7 @@ IDEAL_INPUT: Mapping[str, float | None] = MappingProxyType(
 
 BY_INPUT = tuple(IDEAL_INPUT)
 
-DETAILS = tuple(CART_POLE.details)
-"""What only the cart-pole has."""
+DETAILS = tuple(CART_POLE.details)  # what only the cart-pole has
 
 
 def require_within_stop(
@@ -505,22 +500,14 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
 
 
 def _swept(name: str) -> Imperfection:
-    """Return a declared imperfection by its name."""
     return next(one for one in IMPERFECTIONS if one.name == name)
 
 
 IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""
 
-DRAWS: Mapping[str, Draw] = MappingProxyType(
-    dict(
-        sorted(
-            ((name, one.drawn) for name, one in DECLARATIONS.items() if one.drawn is not None),
-            key=lambda item: item[1].axis,
-        )
-    )
-)
+_DRAWN = {name: one.drawn for name, one in DECLARATIONS.items() if one.drawn is not None}
+DRAWS = MappingProxyType(dict(sorted(_DRAWN.items(), key=lambda item: item[1].axis)))
 """How each field that varies is drawn for random hardware, in the order of the axes."""
 
-IDEAL = Imperfections()
-"""The loop of the paper, without imperfections."""
+IDEAL = Imperfections()  # the loop of the paper, without imperfections

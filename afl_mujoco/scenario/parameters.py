@@ -10,14 +10,12 @@ from typing import NamedTuple
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.values import Checked, Positive
 
-COORDINATES = MappingProxyType({"z": "m", "phi": "rad"})
-"""The coordinates and their units."""
+COORDINATES = MappingProxyType({"z": "m", "phi": "rad"})  # the coordinates and their units
 
 RATES = MappingProxyType({f"{name}_dot": f"{unit}/s" for name, unit in COORDINATES.items()})
 """The rates of the coordinates and their units."""
 
-STATE = MappingProxyType({**COORDINATES, **RATES})
-"""The state and its units."""
+STATE = MappingProxyType({**COORDINATES, **RATES})  # the state and its units
 
 _GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "theta": "θ", "phi": "φ", "psi": "ψ",
@@ -42,12 +40,10 @@ SCHEDULES = MappingProxyType({"cart_mass": "kg", "half_length": "m"})
 CONSTANTS = MappingProxyType({"pole_mass": "kg", "gravity": "m/s²"})
 """The other parameters of the plant, and their units."""
 
-LARGEST_STATE = 1e6
-"""Largest magnitude of any state in SI units; a run that exceeds it counts as diverged."""
+LARGEST_STATE = 1e6  # in SI units; a run with a larger state counts as diverged
 
 
-LARGEST_START_ANGLE = 2.0 * math.pi
-"""Largest magnitude of an angle from which a run may start [rad]: a whole turn."""
+LARGEST_START_ANGLE = 2.0 * math.pi  # from which a run may start [rad]: a whole turn
 
 
 def require_start_angle(thing: str, phi: float) -> None:
@@ -84,14 +80,9 @@ class CartPoleParameters(Checked):
     gravity: Positive = 9.81
 
 
-NOMINAL = CartPoleParameters()
-"""The plant for which the paper gives its fixed gains: M = 1 kg, l = 0.5 m, m = 0.05 kg."""
-
-CART_MASSES = tuple(k / 10 for k in range(1, 21))
-"""M [kg] of the paper's grid of plants."""
-
-HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))
-"""l [m] of the paper's grid of plants."""
+NOMINAL = CartPoleParameters()  # the plant of the paper's fixed gains
+CART_MASSES = tuple(k / 10 for k in range(1, 21))  # M [kg] of the paper's grid of plants
+HALF_LENGTHS = tuple(k / 20 for k in range(1, 21))  # l [m] of the paper's grid of plants
 
 
 class PlantRange(NamedTuple):
@@ -110,12 +101,10 @@ class PlantRange(NamedTuple):
 
 
 QUASI_STATIC, STRETCHING_ROD = "quasi-static", "stretching-rod"
-DYNAMICS = (QUASI_STATIC, STRETCHING_ROD)
-"""Whether the rate of l enters the equations of motion."""
+DYNAMICS = (QUASI_STATIC, STRETCHING_ROD)  # whether the rate of l enters the equations of motion
 
 VELOCITIES, MOMENTA = "velocities", "momenta"
-JUMPS = (VELOCITIES, MOMENTA)
-"""What a step of M or l keeps."""
+JUMPS = (VELOCITIES, MOMENTA)  # what a step of M or l keeps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,7 +131,6 @@ class ParameterChange:
     jumps: str = VELOCITIES
 
     def __post_init__(self) -> None:
-        """Validate both choices."""
         if self.dynamics not in DYNAMICS:
             raise UnknownNameError.among("dynamics", self.dynamics, DYNAMICS)
         if self.jumps not in JUMPS:

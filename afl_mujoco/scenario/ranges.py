@@ -65,8 +65,7 @@ def unit_of(plant: Plant, name: str) -> str:
     return units[name] if name in units else declarations(plant)[name].unit
 
 
-MOST_CHANGES = 100
-"""Largest number of changes of a drawn schedule."""
+MOST_CHANGES = 100  # largest number of changes of a drawn schedule
 
 
 def _changes(thing: str, value: object) -> int:
@@ -89,16 +88,12 @@ class Ranges:
     last_change: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Store the numbers of every range as floats."""
         varied = ByName({name: _range(name, bounds) for name, bounds in self.varied.items()})
         object.__setattr__(self, "varied", varied)
         check_fields(self)
 
     def of_plant(self, plant: Plant, ends_at: Mapping[str, float]) -> Ranges:
-        """Return the same in the order of a plant's names, or raise.
-
-        ends_at: How far from 0 a run may not start, by name.
-        """
+        """Return the same in a plant's order, or raise; a run may only start within `ends_at`."""
         if self == FIXED:
             return self
         known, changing = variable(plant), scheduled(plant)
@@ -154,8 +149,7 @@ class Ranges:
         return found | {name: value for name, value in settings.items() if value is not None}
 
 
-RATE = "_rate"
-"""Ending of the key of the largest rate of a schedule."""
+RATE = "_rate"  # ending of the key of the largest rate of a schedule
 
 SETTINGS = ("changes", "last_change")
 
@@ -166,7 +160,6 @@ def settings_of(plant: Plant) -> tuple[str, ...]:
 
 
 def _range(name: str, bounds: Any) -> Range:
-    """Return a range as it is stored, or raise."""
     if isinstance(bounds, str) or not isinstance(bounds, Sequence) or len(bounds) != 2:
         rule = "must be a range: its least and its largest value"
         raise InvalidValueError(name, rule, repr(bounds))
@@ -177,7 +170,6 @@ def _range(name: str, bounds: Any) -> Range:
 
 
 def _require_allowed(plant: Plant, name: str, bounds: Range, end: float | None) -> None:
-    """Raise unless both ends of a range are values that the thing may have."""
     rule_of: Callable[[str, Any], Any] = require_finite
     if name in plant.parameters:
         if (plant.parameters[name].low or 0.0) > 0.0:
@@ -193,5 +185,4 @@ def _require_allowed(plant: Plant, name: str, bounds: Range, end: float | None) 
         raise InvalidValueError(name, rule, f"{bounds[0]:g} to {bounds[1]:g}")
 
 
-FIXED = Ranges()
-"""Nothing varies."""
+FIXED = Ranges()  # nothing varies

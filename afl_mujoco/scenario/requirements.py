@@ -16,9 +16,9 @@ from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.values import (
     EMPTY,
     ByName,
+    Checked,
     Positive,
     Switch,
-    check_fields,
     require_finite,
     require_positive,
     short_repr,
@@ -91,7 +91,7 @@ _Tables = Annotated[Any, table_of(require_positive)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Requirements:
+class Requirements(Checked):
     """What a run has to achieve; None is no requirement.
 
     Attributes
@@ -141,10 +141,6 @@ class Requirements:
     bands: _Tables = EMPTY
     end_stops_allowed: Switch = False
 
-    def __post_init__(self) -> None:
-        """Check every field and store its numbers as floats."""
-        check_fields(self)
-
     def of_plant(self, plant: Plant) -> Requirements:
         """Return the same in the order of a plant's names, bands as by default left out."""
         known = {
@@ -182,13 +178,7 @@ class Requirements:
     def require_decidable(
         self, duration: float, disturbances: Sequence[ForcePulse | Impulse]
     ) -> None:
-        """Raise if a run of this length could not show whether a requirement is met.
-
-        Parameters
-        ----------
-        duration
-            Horizon [s].
-        """
+        """Raise if a run of this length [s] could not show whether a requirement is met."""
         until = calm(duration, disturbances)
         if self.settling_time is not None and not self.settling_time < until:
             what = "the duration" if until == duration else "the start of the first disturbance"
@@ -208,12 +198,10 @@ class Requirements:
                 )
 
 
-NONE = Requirements()
-"""To reach the horizon, and nothing else."""
+NONE = Requirements()  # to reach the horizon, and nothing else
 
 
-SNAP = 1e-9
-"""Gap between two disturbances that may be round-off alone [s]."""
+SNAP = 1e-9  # gap between two disturbances that may be round-off alone [s]
 
 
 def calm(duration: float, disturbances: Sequence[ForcePulse | Impulse]) -> float:

@@ -20,13 +20,7 @@ from afl_mujoco.scenario.imperfections import (
 )
 from afl_mujoco.scenario.ranges import FIXED, Range, hardware_of, scheduled, unit_of, variable
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import (
-    Schedule,
-    constant,
-    slew_limited,
-    staircase,
-    trapezoid,
-)
+from afl_mujoco.scenario.schedules import Schedule, constant, slew_limited, staircase, trapezoid
 
 PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -41,9 +35,7 @@ SHAPES = tuple(PARTS)
 """Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
 three levels; a trapezoid between two levels."""
 
-INSTANT = 1e-3
-"""Instants of change are multiples of this [s]."""
-
+INSTANT = 1e-3  # instants of change are multiples of this [s]
 _LEVELS, _INSTANTS = 3, 4  # the most that a shape has
 _POINT, _NOISE, _SEARCH, _DRAW = range(4)  # what a seed is used for
 
@@ -64,7 +56,6 @@ class SampleSpace:
     scenario: Scenario
 
     def __post_init__(self) -> None:
-        """Check that the corners are valid scenarios."""
         if not self.coordinates:
             rule = "must say in [ranges] what varies"
             raise InvalidValueError(f"scenario {self.scenario.name!r}", rule)
@@ -86,7 +77,6 @@ class SampleSpace:
             self.scenario_of(np.full(self.dimension, corner), 0, 0)
 
     def _require_within_stop(self, name: str, x: float) -> None:
-        """Raise if a sample could start beyond an end stop."""
         key, unit = f"end_stops.{name}", self.scenario.plant.units[name]
         stop = self.varied[key][0] if key in self.varied else self.scenario.hardware(key)
         farthest = max(map(abs, self.varied.get(name, (x, x))))
@@ -94,7 +84,6 @@ class SampleSpace:
 
     @property
     def _drawn(self) -> set[str]:
-        """The parameters whose schedules are drawn."""
         return self.varied.keys() & {*scheduled(self.scenario.plant)}
 
     @property
@@ -157,10 +146,7 @@ class SampleSpace:
         yield Quantity("duration", "s", self.scenario.duration)
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
-        """Return the scenario at a point of the cube.
-
-        point: One number in 0 to 1 for each coordinate, shape (dimension,).
-        """
+        """Return the scenario at a point of the cube, shape (dimension,)."""
         at, base = self._by_name(point), self.scenario
         plant = base.plant
         changing = scheduled(plant)
@@ -200,7 +186,6 @@ class SampleSpace:
         return dict(zip(names, x.tolist(), strict=True))
 
     def _schedule(self, thing: str, at: dict[str, float]) -> Schedule:
-        """Return the schedule of M or l."""
         count, instants = self._counts
         bounds, ranges = self.varied[thing], self.scenario.ranges
         if bounds[0] == bounds[1]:
@@ -272,8 +257,7 @@ def sample_scenario(space: SampleSpace, index: int, seed: int) -> Scenario:
     return space.scenario_of(sample_point(space, index, seed), index, seed)
 
 
-NOISE_DRAWS = 10
-"""Number of draws of noise and start by which a run with noise or encoders is judged."""
+NOISE_DRAWS = 10  # draws of noise and start by which a run with noise or encoders is judged
 
 
 def draw_of(scenario: Scenario, index: int) -> Scenario:
@@ -305,7 +289,6 @@ def search_generator(seed: int) -> Generator:
 
 
 def _stream(seed: int, purpose: int, index: int) -> SeedSequence:
-    """Return the seed for one purpose and index."""
     return SeedSequence(seed, spawn_key=(purpose, index))
 
 

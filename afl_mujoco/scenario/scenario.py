@@ -43,6 +43,8 @@ from afl_mujoco.values import (
     within,
 )
 
+Floats = NDArray[np.float64]
+
 SHORTEST = 1e-9
 """Least length of a part of a segment [s]: parameters may pass nodes at one time, but for
 round-off."""
@@ -58,20 +60,13 @@ class Segment:
     push: tuple[float, ...]  # disturbing forces, by `channels_of` [N, N m]
     impulse: tuple[float, ...]  # jumps of momenta at `start` [N s, N m s]
 
-    def values_at(self, time: float) -> NDArray[np.float64]:
-        """Return the parameters at `time`, the limit from inside the segment at both ends.
-
-        time: Time [s].
-        """
+    def values_at(self, time: float) -> Floats:
+        """Return the parameters at a time [s], the limit from inside the segment at both ends."""
         elapsed = time - self.start
         return np.array([value + rate * elapsed for value, rate in self.lines])
 
-    def passes(self, names: Iterable[str], nodes: Mapping[str, NDArray[np.float64]]) -> list[float]:
-        """Return the times inside the segment at which parameters pass nodes [s], increasing.
-
-        names: Of the parameters, in the order of `lines`.
-        nodes: Values by name.
-        """
+    def passes(self, names: Iterable[str], nodes: Mapping[str, Floats]) -> list[float]:
+        """Return the increasing times [s] inside at which parameters pass nodes, in their order."""
         passed: list[float] = []
         for name, (value, rate) in zip(names, self.lines, strict=True):
             if rate and (at := nodes.get(name)) is not None:
@@ -83,10 +78,7 @@ class Segment:
         return found[1:]
 
     def cut_at(self, times: Iterable[float]) -> tuple[Segment, ...]:
-        """Return the parts between some times inside the segment; the first has the impulse.
-
-        times: Times [s], increasing.
-        """
+        """Return the parts between increasing times [s] inside; the first has the impulse."""
         cuts, none = (self.start, *times, self.end), (0.0,) * len(self.impulse)
         parts: list[Segment] = []
         for start, end in itertools.pairwise(cuts):
@@ -98,14 +90,12 @@ class Segment:
 
 
 def _schedule(thing: str, value: object) -> Schedule:
-    """Return a schedule from one or from a number, or raise."""
     if not isinstance(value, Schedule):
         return constant(require_finite(thing, value))
     return value
 
 
 def _state(thing: str, value: Any, plant: Plant) -> tuple[float, ...]:
-    """Return a state from a list of its numbers, or from a table by name, or raise."""
     names, count = plant.states, len(plant.states)
     if value is None:
         value = plant.start or (0.0,) * count
@@ -129,7 +119,7 @@ def _state(thing: str, value: Any, plant: Plant) -> tuple[float, ...]:
     return state
 
 
-def _columns(given: Iterable[NDArray[np.float64]], count: int) -> NDArray[np.float64]:
+def _columns(given: Iterable[Floats], count: int) -> Floats:
     """Return columns of so many rows side by side; there may be none."""
     columns = list(given)
     return np.stack(columns, axis=-1) if columns else np.empty((count, 0))
@@ -141,7 +131,6 @@ def _rule(parameter: Parameter) -> Check:
 
 
 def _duration(thing: str, value: object) -> float:
-    """Return a horizon [s], or raise."""
     return instant(require_positive(thing, value))
 
 
@@ -205,7 +194,6 @@ class Scenario:
     belief: Belief = TRUTH
 
     def __post_init__(self) -> None:
-        """Validate every field and normalise its type."""
         require_type("name", self.name, str)
         if not self.name or not self.name.isprintable() or "/" in self.name:
             raise InvalidValueError(
@@ -252,7 +240,6 @@ class Scenario:
         object.__setattr__(self, "belief", belief)
 
     def _take_schedule(self) -> None:
-        """Check the schedules of the parameters, and fill in those that are not given."""
         known = self.plant.parameters
         with within("schedule "):
             given = self.schedule.ordered(tuple(known))
@@ -320,7 +307,7 @@ class Scenario:
         return found
 
     @property
-    def limits(self) -> NDArray[np.float64]:
+    def limits(self) -> Floats:
         """What each input can exert, by the MJCF and by its drive [N, N m], shape (inputs, 2)."""
         drives = [self.imperfections.of_input("input_limit", name) for name in self.plant.inputs]
         most = np.array([math.inf if limit is None else limit for limit in drives])
@@ -360,15 +347,14 @@ class Scenario:
         ordered = {name: limits.get(name) for name in asked_of(self.plant)}
         return {name: limit for name, limit in ordered.items() if limit is not None}
 
-    def values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def values(self, times: Floats) -> Floats:
         """Return the true parameters at some times [s], shape (N, parameters)."""
         return _columns((schedule(times) for schedule in self.schedule.values()), len(times))
 
-    def acting_rates(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the rates of parameters that act on the motion at some times, 0 for the others.
+    def acting_rates(self, times: Floats) -> Floats:
+        """Return the rates [1/s] of parameters that act on the motion, 0 for the others.
 
-        times: Times [s], shape (N,), none of them a breakpoint.
-        Returns ndarray: Shape (N, parameters) [1/s].
+        At times [s], none of them a breakpoint, shape (N, parameters).
         """
         found = np.zeros((len(times), len(self.schedule)))
         for i, schedule in enumerate(self.schedule.values()):
@@ -378,11 +364,11 @@ class Scenario:
                 found[:, i] = rates[np.searchsorted(edges, times, side="right") - 1]
         return found
 
-    def values_at(self, time: float) -> NDArray[np.float64]:
+    def values_at(self, time: float) -> Floats:
         """Return the true parameters at a time [s], after a jump, shape (parameters,)."""
         return np.array([schedule.at(time) for schedule in self.schedule.values()])
 
-    def told_values(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def told_values(self, times: Floats) -> Floats:
         """Return the parameters that controllers are told at some times, shape (N, parameters)."""
         told = (self.told(name, one(times)) for name, one in self.schedule.items())
         return _columns(told, len(times))
@@ -411,9 +397,9 @@ class Scenario:
         (m0, m1), (l0, l1) = (tuple(one.tolist()) for one in ends)
         return PlantRange((m0, m1), (l0, l1), *self.told_constants)
 
-    def told(self, name: str, truth: NDArray[np.float64]) -> NDArray[np.float64]:
+    def told(self, name: str, truth: Floats) -> Floats:
         """Return what controllers assume of a parameter, given its true values."""
-        found: NDArray[np.float64] = self.belief.told(name, truth, self.schedule[name].at(0.0))
+        found: Floats = self.belief.told(name, truth, self.schedule[name].at(0.0))
         return found
 
     @property
@@ -479,13 +465,7 @@ class Scenario:
         )
 
     def parameters_at(self, time: float) -> CartPoleParameters:
-        """Return the cart-pole's parameters at `time`, after the jump if there is one.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
+        """Return the cart-pole's parameters at a time [s], after the jump if there is one."""
         return CartPoleParameters(
             cart_mass=self.cart_mass.at(time),
             pole_mass=self.pole_mass,
@@ -494,7 +474,6 @@ class Scenario:
         )
 
     def _acting(self, kind: type) -> list[list[Any]]:
-        """Return the disturbances of a kind on each of the channels of the plant."""
         found: list[list[Any]] = [[] for _ in channels_of(self.plant)]
         for one in self.disturbances:
             if isinstance(one, kind):
@@ -502,42 +481,24 @@ class Scenario:
         return found
 
     def push_at(self, time: float) -> tuple[float, ...]:
-        """Return the disturbing forces [N, N m] at `time`, after an edge, by `channels_of`.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
+        """Return the disturbing forces [N, N m] at a time [s], after an edge, by `channels_of`."""
         acting = self._acting(ForcePulse)
         return tuple(math.fsum(one.force_at(time) for one in some) for some in acting)
 
     def impulse_within(self, start: float, end: float) -> tuple[float, ...]:
-        """Return the momenta [N s, N m s] of the impulses over ``start <= t < end``, by channel.
-
-        Parameters
-        ----------
-        start, end
-            The stretch of time [s].
-        """
+        """Return the momenta [N s, N m s] of impulses over ``start <= t < end`` [s], by channel."""
         acting = self._acting(Impulse)
         return tuple(
             math.fsum(one.momentum for one in some if start <= one.time < end) for some in acting
         )
 
-    def pushes(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the disturbing forces [N, N m] at many times, shape (N, channels).
-
-        Parameters
-        ----------
-        times
-            Times [s], shape (N,).
-        """
+    def pushes(self, times: Floats) -> Floats:
+        """Return the disturbing forces [N, N m] at many times [s], shape (N, channels)."""
         pulses = [d for d in self.disturbances if isinstance(d, ForcePulse)]
         edges = sorted({edge for pulse in pulses for edge in pulse.breakpoints})
         none = (0.0,) * len(channels_of(self.plant))
         levels = np.array([none, *(self.push_at(edge) for edge in edges)])
-        found: NDArray[np.float64] = levels[np.searchsorted(edges, times, side="right")]
+        found: Floats = levels[np.searchsorted(edges, times, side="right")]
         return found
 
     @property
@@ -546,13 +507,7 @@ class Scenario:
         return replace(self, imperfections=IDEAL, belief=TRUTH)
 
     def require_ideal(self) -> None:
-        """Raise if anything departs from the ideal loop.
-
-        Raises
-        ------
-        InvalidValueError
-            If the scenario has imperfections.
-        """
+        """Raise `InvalidValueError` if anything departs from the ideal loop."""
         if self.imperfections != IDEAL or self.belief != TRUTH:
             rule = (
                 'has imperfections, which only mode "sampled" simulates: use that (the commands '

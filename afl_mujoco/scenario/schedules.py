@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.values import instant, require_finite, require_positive, require_type
 
-_MANY = 256
-"""Number of times above which it pays to check whether they increase."""
+Floats = NDArray[np.float64]
+
+_MANY = 256  # number of times above which it pays to check whether they increase
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +45,6 @@ class Schedule:
     _rates: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Validate the knots and derive the slope after each of them."""
         require_type("times", self.times, Iterable)
         require_type("values", self.values, Iterable)
         times = tuple(instant(require_finite("times", t)) for t in self.times)
@@ -80,45 +80,22 @@ class Schedule:
         return f"Schedule(times={self.times!r}, values={self.values!r})"
 
     @property
-    def knots(self) -> NDArray[np.float64]:
+    def knots(self) -> Floats:
         """Time [s] and value of each knot, shape (knots, 2)."""
         return np.column_stack([self.times, self.values])
 
     def at(self, time: float) -> float:
-        """Return the value at one time, after the jump if there is one.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
+        """Return the value at a time [s], after the jump if there is one."""
         value, _ = self.piece(time)
         return value
 
     def before(self, time: float) -> float:
-        """Return the value at one time, before the jump if there is one.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
+        """Return the value at a time [s], before the jump if there is one."""
         value, _ = self._line(bisect_left(self.times, time) - 1, time)
         return value
 
     def piece(self, time: float) -> tuple[float, float]:
-        """Return value and slope at `time`, valid from there to the next breakpoint.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-
-        Returns
-        -------
-        tuple of float
-            The value just after `time` and the slope [1/s] there.
-        """
+        """Return the value just after a time [s] and the slope [1/s] up to the next breakpoint."""
         return self._line(bisect_right(self.times, time) - 1, time)
 
     def _line(self, index: int, time: float) -> tuple[float, float]:
@@ -128,31 +105,18 @@ class Schedule:
         rate = self._rates[index]
         return self.values[index] + rate * (time - self.times[index]), rate
 
-    def __call__(self, time: ArrayLike) -> NDArray[np.float64]:
-        """Return the values at many times, after the jump where there is one.
-
-        Parameters
-        ----------
-        time
-            Times [s], any shape.
-
-        Returns
-        -------
-        ndarray
-            Values, of the shape of `time`.
-        """
+    def __call__(self, time: ArrayLike) -> Floats:
+        """Return the values at times [s] of any shape, after the jump where there is one."""
         t = np.asarray(time, dtype=np.float64)
         if t.ndim == 1 and len(t) > _MANY and (t[1:] >= t[:-1]).all():
             return self._along(t)
         found = np.searchsorted(self.times, t, side="right") - 1
         index = np.maximum(found, 0)
         elapsed = np.where(found < 0, 0.0, t - np.asarray(self.times)[index])
-        result: NDArray[np.float64] = (
-            np.asarray(self.values)[index] + np.asarray(self._rates)[index] * elapsed
-        )
+        result: Floats = np.asarray(self.values)[index] + np.asarray(self._rates)[index] * elapsed
         return result
 
-    def _along(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _along(self, t: Floats) -> Floats:
         """Return the same values, to the bit, for increasing times with fewer look-ups of knots."""
         edges = np.searchsorted(t, self.times, side="left")
         counts = np.diff(np.concatenate([edges, [len(t)]]))
@@ -160,7 +124,7 @@ class Schedule:
         starts, values, rates = (
             np.repeat(one, counts) for one in (self.times, self.values, self._rates)
         )
-        after: NDArray[np.float64] = values + rates * (t[before:] - starts)
+        after: Floats = values + rates * (t[before:] - starts)
         if not before:
             return after
         return np.concatenate([np.full(before, self.values[0]), after])
@@ -294,10 +258,7 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
 
 
 def slew_limited(schedule: Schedule, rate: float) -> Schedule:
-    """Return the schedule that follows another with a limited rate, from its first value.
-
-    rate: Largest absolute slope [1/s].
-    """
+    """Return the schedule that follows another by at most a rate [1/s], from its first value."""
     rate = require_positive("rate", rate)
     knots = list(zip(schedule.times, schedule.values, strict=True))
     last = (math.inf, knots[-1][1])
@@ -326,13 +287,11 @@ def slew_limited(schedule: Schedule, rate: float) -> Schedule:
 
 
 def _listed(thing: str, values: Iterable[Any]) -> tuple[Any, ...]:
-    """Return the values as a tuple, or raise if they are not iterable."""
     require_type(thing, values, Iterable)
     return tuple(values)
 
 
 def _require_increasing(thing: str, times: Sequence[float]) -> None:
-    """Raise unless the times are finite and strictly increasing."""
     finite = [require_finite(thing, t) for t in times]
     for before, after in itertools.pairwise(finite):
         if after <= before:

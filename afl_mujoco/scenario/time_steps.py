@@ -14,25 +14,16 @@ from afl_mujoco.scenario.disturbances import Impulse, channel_of, channels_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import PER_SECOND, require_positive
 
-MOST_STEPS = 10_000_000
-"""Largest number of steps: more would fill the memory before the run ends."""
+Floats = NDArray[np.float64]
 
-SNAP = 1e-6
-"""Share of a step under which a grid point and a breakpoint are one instant."""
-
-TYPED = 1e-5
-"""Relative difference of two periods of which one may have been typed in decimals: 0.0166667 s."""
-
-LONGEST_STEP = 1e-3
-"""MuJoCo's longest step by default [s]."""
+MOST_STEPS = 10_000_000  # largest number of steps: more would fill the memory before the run ends
+SNAP = 1e-6  # share of a step under which a grid point and a breakpoint are one instant
+TYPED = 1e-5  # relative difference of periods of which one may be typed: 0.0166667 s
+LONGEST_STEP = 1e-3  # MuJoCo's longest step by default [s]
 
 
-def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
-    """Return the multiples of `period` within the horizon together with every breakpoint.
-
-    period: Spacing of the grid [s].
-    Returns ndarray: Increasing times from 0 to the horizon [s], shape (N + 1,).
-    """
+def time_grid(scenario: Scenario, period: float) -> Floats:
+    """Return multiples of a period [s] within the horizon and every breakpoint, shape (N + 1,)."""
     period = require_positive("timestep", period)
     if period > scenario.duration:
         raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
@@ -50,13 +41,13 @@ def time_grid(scenario: Scenario, period: float) -> NDArray[np.float64]:
 class Disturbances(NamedTuple):
     """What disturbs a plant in each step of a grid, on each of its channels."""
 
-    push: NDArray[np.float64]  # mean force over the step [N], shape (N, channels)
-    impulse: NDArray[np.float64]  # jump of the momentum in the step [N s], shape (N, channels)
+    push: Floats  # mean force over the step [N], shape (N, channels)
+    impulse: Floats  # jump of the momentum in the step [N s], shape (N, channels)
     # when it acts, as a share of the step, 0 for its start; -1 for never, shape (N,)
-    split: NDArray[np.float64]
+    split: Floats
 
 
-def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturbances:
+def held_disturbances(scenario: Scenario, times: Floats) -> Disturbances:
     """Return what disturbs the cart in each step, wherever the edges of the disturbances lie.
 
     A pulse acts with its exact mean over each step, so that all of its momentum arrives; an impulse
@@ -83,7 +74,7 @@ def held_disturbances(scenario: Scenario, times: NDArray[np.float64]) -> Disturb
     return Disturbances(push, impulse, split)
 
 
-def _place(times: NDArray[np.float64], time: float) -> float:
+def _place(times: Floats, time: float) -> float:
     """Return where an instant lies on a grid, in steps; whole at the ends of steps."""
     count = len(times) - 1
     k = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, count - 1))
@@ -93,7 +84,6 @@ def _place(times: NDArray[np.float64], time: float) -> float:
 
 
 def _require_few(unit: str, length: float, step: float) -> None:
-    """Raise if `length` is more than `MOST_STEPS` steps."""
     if length / step > MOST_STEPS:
         raise InvalidValueError(
             unit,
@@ -103,11 +93,7 @@ def _require_few(unit: str, length: float, step: float) -> None:
 
 
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
-    """Return how many steps make up `length`, or raise unless it is a whole number.
-
-    length: Length to be divided [s].
-    step: Length of a step [s].
-    """
+    """Return how many steps [s] make up a length [s], or raise unless it is a whole number."""
     step, length = require_positive(unit, step), require_positive(thing, length)
     _require_few(unit, length, step)
     count = round(length / step)
@@ -116,7 +102,7 @@ def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     return count
 
 
-def instants(times: NDArray[np.float64]) -> NDArray[np.float64]:
+def instants(times: Floats) -> Floats:
     """Return times [s] to the picosecond, as `instant` does: schedules have no finer ones."""
     return np.where(np.abs(times) < 1e9, np.rint(times * PER_SECOND) / PER_SECOND, times)
 
@@ -134,11 +120,9 @@ class Ticks(NamedTuple):
 
 
 def cut_period(period: float | None, timestep: float | None) -> Ticks:
-    """Return physics steps that divide a control period, or raise.
+    """Return physics steps that divide a control period [s], None for one step, or raise.
 
-    period: Control period [s]; None for one step.
-    timestep: Physics step [s]; None for the longest up to `LONGEST_STEP` that divides the period.
-        It may differ by `TYPED` from one that does.
+    A timestep may differ by `TYPED` from one that does; None is the longest up to `LONGEST_STEP`.
     """
     longest = LONGEST_STEP if timestep is None else require_positive("timestep", timestep)
     if period is None:
@@ -160,8 +144,7 @@ def ticks_of(
 ) -> Ticks:
     """Return how the control period of a scenario is cut into physics steps, or raise.
 
-    timestep: Physics step [s]; None for the longest up to 1 ms that divides the control period.
-    control_period: Control period for a scenario that does not set it [s]; None for one step.
+    The control period [s] is for a scenario that does not set it; None is one step.
     """
     own = scenario.imperfections.control_period
     period = control_period if own is None else own
@@ -209,15 +192,11 @@ class Deployed:
 DEFAULT = Deployed()
 
 
-def step_times(duration: float, timestep: float) -> NDArray[np.float64]:
-    """Return the ends of equal steps, the last one shortened to end at the horizon, shape (N + 1,).
-
-    duration: Horizon [s].
-    timestep: Physics step [s].
-    """
+def step_times(duration: float, timestep: float) -> Floats:
+    """Return the ends [s] of equal steps, the last one shortened to the horizon, shape (N + 1,)."""
     _require_few("timestep", duration, timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)
-    times: NDArray[np.float64] = np.arange(count + 1, dtype=np.float64) * timestep
+    times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     if abs(times[-1] - duration) > SNAP * timestep:
         times[-1] = duration
     return times

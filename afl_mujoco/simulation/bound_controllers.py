@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.linear import NODES, LinearFeedback, Rest, holding_input, largest_of
 from afl_mujoco.control.own import PythonController
+from afl_mujoco.control.plant_feedback import NODES, LinearFeedback, Rest, holding_input, largest_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.writer import PlantModel

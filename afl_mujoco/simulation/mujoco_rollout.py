@@ -10,8 +10,7 @@ import numpy as np
 
 from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.laws import Laws, command
+from afl_mujoco.control.controller import Controller, Laws, command
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Floats, Plant

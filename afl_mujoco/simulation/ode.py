@@ -11,8 +11,7 @@ import numpy as np
 
 from afl_mujoco.compiled import Callback, borrowing_kernel, call, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.laws import Law, Laws, command
+from afl_mujoco.control.controller import Controller, Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole_equations import (
     cart_acceleration,

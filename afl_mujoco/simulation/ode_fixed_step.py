@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
-from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.laws import command
+from afl_mujoco.control.controller import Controller, command
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario

@@ -7,7 +7,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from scipy.signal import place_poles
 
 import afl_mujoco as afl
-from afl_mujoco.control import feedback as design
+from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control.controller import LINEAR, PARTIAL
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import PlantRange

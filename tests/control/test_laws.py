@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.laws import Laws, command
+from afl_mujoco.control.controller import Laws, command
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
 

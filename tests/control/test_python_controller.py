@@ -20,7 +20,7 @@ from numba import njit
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
-from afl_mujoco.control import laws
+from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.simulation.metrics import metrics
@@ -544,10 +544,10 @@ ROUGH = {
 def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuously(
     function, mode, monkeypatch
 ):
-    most = laws.MOST_EVALUATIONS
+    most = controllers.MOST_EVALUATIONS
     if function is not ROUGH["in_float32"]:  # of one kind all are awaited
         most //= 10
-        monkeypatch.setattr(laws, "MOST_EVALUATIONS", most)
+        monkeypatch.setattr(controllers, "MOST_EVALUATIONS", most)
     scenario = afl.Scenario(name="lean", initial_state=(0.0, -0.3, 0.0, 0.0), duration=1.0)
     said = "controller 'mine' must give a force that is a smooth function of time"
     said = line(said, ..., f"more than {most} evaluations for 0.02 s", ...)
@@ -557,7 +557,7 @@ def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuousl
 
 @pytest.mark.parametrize("name", ["fixed-retuned", "adaptive"])
 def test_the_kinks_of_the_paper_s_controllers_stay_far_below_what_is_refused(name, monkeypatch):
-    monkeypatch.setattr(laws, "MOST_EVALUATIONS", laws.MOST_EVALUATIONS // 20)
+    monkeypatch.setattr(controllers, "MOST_EVALUATIONS", controllers.MOST_EVALUATIONS // 20)
     compiled = afl.CONTROLLERS[name]
     mine = controller_of(lambda t, x, belief: compiled.force(x, belief), call_limit=60.0)
     run = afl.simulate_ode(afl.SCENARIOS["step-step"], mine, sample_period=0.1)

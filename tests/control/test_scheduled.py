@@ -11,11 +11,11 @@ import afl_mujoco as afl
 from afl_mujoco.control.gains import GAIN_NAMES, Gains
 from afl_mujoco.control.scheduled import BOX, DAMPING, SLOPES, force, slope_at
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.simulation.task import controller_policy
 from research.gain_tuning import GainTable, paper_scales
+from research.random_schedules import random_scenario
 
 HELD = afl.CONTROLLERS["adaptive-held"]
 SCENARIO = afl.SCENARIOS["step-trapezoid"]

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.catalogue import random_scenario
 from afl_mujoco.simulation.scoring import ObjectiveScales
 from afl_mujoco.studies.verify import claims as verdicts
 from research import claims
 from research.gain_tuning import GainTable
+from research.random_schedules import random_scenario
 
 SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 TRIED = claims.result_of("readings")["optima"]

@@ -5,8 +5,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.gains import GAIN_NAMES, GainFunction
-from afl_mujoco.scenario.catalogue import random_scenario
 from research.batch import closed_loop_terms
+from research.random_schedules import random_scenario
 from research.scheduled import scheduled_terms
 
 PUBLISHED = GainFunction.published().coefficients

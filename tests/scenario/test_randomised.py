@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import kstest, spearmanr
 
-from afl_mujoco.scenario import catalogue
+from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE
+from research.random_schedules import LAST_CHANGE, random_scenario
 
-DRAWN = [catalogue.random_scenario(0, index) for index in range(1000)]
+DRAWN = [random_scenario(0, index) for index in range(1000)]
 SCHEDULES = {
-    "cart_mass": ([s.cart_mass for s in DRAWN], catalogue.CART_MASS_RANGE),
-    "half_length": ([s.half_length for s in DRAWN], catalogue.HALF_LENGTH_RANGE),
+    "cart_mass": ([s.cart_mass for s in DRAWN], CART_MASS_RANGE),
+    "half_length": ([s.half_length for s in DRAWN], HALF_LENGTH_RANGE),
 }
 CERTAIN = 1e-3
 """Least p-value of a sound draw; the draws are fixed by their seed."""
@@ -28,7 +29,7 @@ def test_levels_and_instants_are_uniform_over_the_whole_box(name: str) -> None:
         levels = [s.values[which] for s in schedules if len(s.breakpoints) == 4]
         assert kstest(levels, "uniform", (low, high - low)).pvalue > CERTAIN
     instants = [time for schedule in schedules for time in schedule.breakpoints]
-    assert kstest(instants, "uniform", (0.0, catalogue.LAST_CHANGE)).pvalue > CERTAIN
+    assert kstest(instants, "uniform", (0.0, LAST_CHANGE)).pvalue > CERTAIN
 
 
 def test_steps_and_trapezoids_come_with_even_odds_and_independently_for_m_and_l() -> None:

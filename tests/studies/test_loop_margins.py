@@ -11,8 +11,8 @@ import pytest
 from scipy.linalg import expm
 
 import afl_mujoco as afl
+from afl_mujoco.control.cartpole_feedback import upright_model
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
-from afl_mujoco.control.feedback import upright_model
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant

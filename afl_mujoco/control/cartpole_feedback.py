@@ -27,6 +27,8 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.values import require_type
 
+Floats = NDArray[np.float64]
+
 GAIN_COUNT = 4
 
 
@@ -47,12 +49,11 @@ class GainGrid:
         If nodes are not positive and increasing, or the table is not finite or of another shape.
     """
 
-    masses: NDArray[np.float64]
-    lengths: NDArray[np.float64]
-    table: NDArray[np.float64]
+    masses: Floats
+    lengths: Floats
+    table: Floats
 
     def __post_init__(self) -> None:
-        """Check the arrays and freeze them."""
         for name in ("masses", "lengths", "table"):
             try:
                 array = np.array(getattr(self, name), dtype=np.float64)
@@ -72,13 +73,10 @@ class GainGrid:
 
     @classmethod
     def constant(cls, gains: ArrayLike) -> GainGrid:
-        """Return the grid that always gives the same gains.
+        """Return the grid that always gives the same gains of (z, phi, z_dot, phi_dot).
 
-        Parameters
-        ----------
-        gains
-            Gains of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2,
-            m/(rad s^2), 1/s, m/(rad s)] for state feedback through (L1).
+        They are in [N/m, N/rad, N s/m, N s/rad], or in [1/s^2, m/(rad s^2), 1/s, m/(rad s)] for
+        state feedback through (L1).
         """
         k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
         if len(k) != GAIN_COUNT:
@@ -96,14 +94,8 @@ class GainGrid:
                     raise InvalidValueError(f"{name} for the gain grid", rule, f"{value:g} {unit}")
         return self
 
-    def gains(self, cart_mass: float, half_length: float) -> NDArray[np.float64]:
-        """Return the gains for one plant, shape (4,), NaN beyond the nodes.
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            M [kg] and l [m].
-        """
+    def gains(self, cart_mass: float, half_length: float) -> Floats:
+        """Return the gains for M [kg] and l [m], shape (4,), NaN beyond the nodes."""
         arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
         return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))
 
@@ -115,8 +107,8 @@ SLACK = 1e-10
 class LinearModel(NamedTuple):
     """A linear model ``x' = A x + B v`` of x = (z, phi, z_dot, phi_dot)."""
 
-    a: NDArray[np.float64]  # A, shape (4, 4)
-    b: NDArray[np.float64]  # B, shape (4,); v is the force [N], or the cart's acceleration [m/s^2]
+    a: Floats  # A, shape (4, 4)
+    b: Floats  # B, shape (4,); v is the force [N], or the cart's acceleration [m/s^2]
 
 
 def accelerated_mass(parameters: CartPoleParameters) -> float:
@@ -137,10 +129,7 @@ def upright_model(parameters: CartPoleParameters) -> LinearModel:
 
 
 def partially_linear_model(half_length: float, gravity: float) -> LinearModel:
-    """Return the model at upright under the input map (L1), its input z'' [m/s^2].
-
-    half_length, gravity: l [m] and g [m/s^2].
-    """
+    """Return the model at upright under (L1) for l [m] and g [m/s^2], its input z'' [m/s^2]."""
     share = 0.75 / half_length
     return _model(cart=(0.0, 1.0), pole=(share * gravity, share))
 
@@ -154,7 +143,7 @@ def _model(cart: tuple[float, float], pole: tuple[float, float]) -> LinearModel:
     return LinearModel(a, b)
 
 
-def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> NDArray[np.float64]:
+def pole_placing_gains(model: LinearModel, poles: Sequence[complex]) -> Floats:
     """Return the gains k with which ``v = -k x`` gives a model these poles.
 
     With z'' = c phi + p v and phi'' = a phi + q v, the closed loop's polynomial is
@@ -206,7 +195,6 @@ class StateFeedback(Controller):
     belief: CartPoleParameters | None = None
 
     def __post_init__(self) -> None:
-        """Validate every field."""
         require_type("controller name", self.name, str)
         require_type("gains", self.gains, GainGrid | Design)
         require_type("belief", self.belief, CartPoleParameters | None)
@@ -215,7 +203,7 @@ class StateFeedback(Controller):
                 "kind", f"must be LINEAR ({LINEAR}) or PARTIAL ({PARTIAL})", self.kind
             )
 
-    def nodes(self, plants: PlantRange) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def nodes(self, plants: PlantRange) -> tuple[Floats, Floats]:
         """Return the nodes between which the gains are interpolated, none for one assumed plant."""
         if self.belief is not None:
             return np.empty(0), np.empty(0)
@@ -245,7 +233,7 @@ class StateFeedback(Controller):
         }
 
 
-Method = Callable[[CartPoleParameters], NDArray[np.float64]]
+Method = Callable[[CartPoleParameters], Floats]
 
 NODES_PER_OCTAVE = 4
 """Nodes at which gains are computed: from one node to the next, M or l grows by 19 %. Between the
@@ -278,7 +266,7 @@ def paper_poles(half_length: float, gravity: float) -> tuple[float, ...]:
     return (-g.slope, -g.slope, -g.slope, -fast)
 
 
-def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+def lqr_gains(parameters: CartPoleParameters) -> Floats:
     """Return the gains that minimise the quadratic cost of Bryson's rule, shape (4,).
 
     The input is taken as the acceleration that the force gives, so that the numbers keep their
@@ -294,13 +282,13 @@ def lqr_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
     return np.asarray(mass * (b @ cost) / weight)
 
 
-def placed_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+def placed_gains(parameters: CartPoleParameters) -> Floats:
     """Return the gains that give the plant `paper_poles`, shape (4,)."""
     p = parameters
     return pole_placing_gains(upright_model(p), paper_poles(p.half_length, p.gravity))
 
 
-def outer_gains(parameters: CartPoleParameters) -> NDArray[np.float64]:
+def outer_gains(parameters: CartPoleParameters) -> Floats:
     """Return the gains that give the plant `paper_poles` through the input map (L1), shape (4,)."""
     p = parameters
     model = partially_linear_model(p.half_length, p.gravity)
@@ -323,7 +311,6 @@ class Design:
 
 
 def _nodes(least: float, largest: float) -> tuple[int, int]:
-    """Return the first node and the one after the last."""
     return (
         math.floor(NODES_PER_OCTAVE * math.log2(least)) - MARGIN,
         math.ceil(NODES_PER_OCTAVE * math.log2(largest)) + MARGIN + 1,
@@ -345,8 +332,7 @@ def _grid(
 @functools.lru_cache(maxsize=65536)
 def _gains(
     method: Method, cart_mass: float, half_length: float, pole_mass: float, gravity: float
-) -> NDArray[np.float64]:
-    """Return the gains of a plant, or raise."""
+) -> Floats:
     plant = CartPoleParameters(
         cart_mass=cart_mass, pole_mass=pole_mass, half_length=half_length, gravity=gravity
     )
@@ -357,34 +343,23 @@ def _gains(
         raise InvalidValueError("the plant", rule, plant) from None
 
 
-_POLES = (
-    "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its fixed gains"
-)
+_BRYSON = {
+    "method": "LQR by Bryson's rule",
+    "largest_state": list(LARGEST_STATE),
+    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
+}
+_PLACED = {
+    "method": "pole placement",
+    "poles": "-lambda three times, -3 g K / (4 l Phi): those of the paper's controller with its "
+    "fixed gains",
+}
+_BEHIND = {**_PLACED, "method": "pole placement behind the input map (L1)"}
 
 DESIGNS: Mapping[str, tuple[int, Design]] = MappingProxyType(
     {
-        "lqr": (
-            LINEAR,
-            Design(
-                lqr_gains,
-                {
-                    "method": "LQR by Bryson's rule",
-                    "largest_state": list(LARGEST_STATE),
-                    "largest_force": f"{LARGEST_ACCELERATION} (M + m/4)",
-                },
-            ),
-        ),
-        "pole-placement": (
-            LINEAR,
-            Design(placed_gains, {"method": "pole placement", "poles": _POLES}),
-        ),
-        "partial-linearization": (
-            PARTIAL,
-            Design(
-                outer_gains,
-                {"method": "pole placement behind the input map (L1)", "poles": _POLES},
-            ),
-        ),
+        "lqr": (LINEAR, Design(lqr_gains, _BRYSON)),
+        "pole-placement": (LINEAR, Design(placed_gains, _PLACED)),
+        "partial-linearization": (PARTIAL, Design(outer_gains, _BEHIND)),
     }
 )
 """The baselines by name: kind of controller, and its gains."""

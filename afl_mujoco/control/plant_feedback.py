@@ -22,11 +22,8 @@ NODES = 16
 """Gains are computed at so many values within the bounds of a parameter that ramps, and
 interpolated between them."""
 
-MOST_KNOWN = 4096
-"""Designs that are kept for the runs of one plant to share."""
-
-HOLDS = 1e-6
-"""Share of the forces at rest that inputs may leave over."""
+MOST_KNOWN = 4096  # designs that are kept for the runs of one plant to share
+HOLDS = 1e-6  # share of the forces at rest that inputs may leave over
 
 
 class Rest(NamedTuple):
@@ -59,8 +56,7 @@ def linear_model(rest: Rest) -> tuple[Floats, Floats]:
     return a, b
 
 
-RestOf = Callable[[Floats], Rest]
-"""The plant at rest at its target with some parameters."""
+RestOf = Callable[[Floats], Rest]  # the plant at rest at its target with some parameters
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -122,19 +118,12 @@ class LinearFeedback(Controller):
                         other[i] = at
                         several.append((weight * part, other))
             corners = several
-        parts = [weight * self._designed(corner) for weight, corner in corners]
+        parts = [weight * _once(self._designed, corner, self.known) for weight, corner in corners]
         return np.asarray(np.sum(parts, axis=0))
 
     def _designed(self, values: Floats) -> Floats:
-        """Return holding inputs and gains for some parameters, computed once."""
-        key = values.tobytes()
-        if (found := self.known.get(key)) is None:
-            held, gains = self.gains(values)
-            found = np.concatenate([held, gains.ravel()])
-            if len(self.known) >= MOST_KNOWN:
-                self.known.clear()
-            self.known[key] = found
-        return found
+        held, gains = self.gains(values)
+        return np.concatenate([held, gains.ravel()])
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of parameters at which the gains are not smooth, by name."""
@@ -165,17 +154,11 @@ class LinearFeedback(Controller):
         return np.array([self._row(row) for row in distinct])[which.reshape(-1)]
 
     def _row(self, values: Floats) -> Floats:
-        """Return holding inputs, gains and target for some parameters."""
         return np.concatenate([self._at(values), self.target, np.zeros(len(self.target))])
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the inputs at a state and assumed parameters, shape (k,)."""
-        given = np.asarray(assumed)
-        if (row := self.rows.get(key := given.tobytes())) is None:
-            row = self._row(given)
-            if len(self.rows) >= MOST_KNOWN:
-                self.rows.clear()
-            self.rows[key] = row
+        row = _once(self._row, np.asarray(assumed), self.rows)
         found = np.empty(len(self.plant.inputs))
         force_from_inputs(AFFINE, np.array(state, dtype=np.float64), row, found)
         return found
@@ -192,6 +175,16 @@ class LinearFeedback(Controller):
             },
             "belief": "true",
         }
+
+
+def _once(make: Callable[[Floats], Floats], values: Floats, known: dict[bytes, Floats]) -> Floats:
+    """Return what is made of some parameters, from what is known of them or computed now."""
+    if (found := known.get(key := values.tobytes())) is None:
+        found = make(values)
+        if len(known) >= MOST_KNOWN:
+            known.clear()
+        known[key] = found
+    return found
 
 
 def largest_of(limits: Mapping[str, float], bands: Mapping[str, float]) -> tuple[float, ...]:
