@@ -73,10 +73,13 @@ class GainGrid:
 
     @classmethod
     def constant(cls, gains: ArrayLike) -> GainGrid:
-        """Return the grid that always gives the same gains of (z, phi, z_dot, phi_dot).
+        """Return the grid that always gives the same gains.
 
-        They are in [N/m, N/rad, N s/m, N s/rad], or in [1/s^2, m/(rad s^2), 1/s, m/(rad s)] for
-        state feedback through (L1).
+        Parameters
+        ----------
+        gains
+            Gains of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2,
+            m/(rad s^2), 1/s, m/(rad s)] for state feedback through (L1).
         """
         k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
         if len(k) != GAIN_COUNT:
@@ -95,7 +98,13 @@ class GainGrid:
         return self
 
     def gains(self, cart_mass: float, half_length: float) -> Floats:
-        """Return the gains for M [kg] and l [m], shape (4,), NaN beyond the nodes."""
+        """Return the gains for one plant, shape (4,), NaN beyond the nodes.
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m].
+        """
         arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
         return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))
 

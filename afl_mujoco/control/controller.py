@@ -277,10 +277,22 @@ class Controller(Protocol):
         return dict(zip(("cart_mass", "half_length"), self.nodes(plants), strict=True))
 
     def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at a state (z, phi, z_dot, phi_dot) of a plant of known parameters.
+        """Return the force [N] at one state, from the compiled controller.
 
-        Only a Python controller uses the time [s]. Raises `ControllerDomainError` if a compiled
-        controller has no force at the pole angle; the paper's has none outside ``|phi| < pi/2``.
+        Parameters
+        ----------
+        state
+            (z, phi, z_dot, phi_dot), shape (4,).
+        truth
+            The plant's true parameters now.
+        time
+            Time [s]; used only by a Python controller.
+
+        Raises
+        ------
+        ControllerDomainError
+            If the controller has no force at the pole angle; the paper's has none outside
+            ``|phi| < pi/2``.
         """
         p = truth
         assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)

@@ -102,17 +102,35 @@ class GainFunction:
 
     @classmethod
     def constant(cls, gains: Gains) -> GainFunction:
-        """Return the gain function that always gives the same gains."""
+        """Return the gain function that always gives `gains`.
+
+        Parameters
+        ----------
+        gains
+            The constant gains.
+        """
         return cls(**{name: (getattr(gains, name), 0.0, 0.0, 0.0, 0.0) for name in GAIN_NAMES})
 
     @classmethod
     def published(cls) -> GainFunction:
-        """Return the paper's coefficients, Table 2."""
+        """Return the paper's coefficients, Table 2.
+
+        Raises
+        ------
+        FileError
+            If the package's data file is missing or malformed.
+        """
         return cls._shipped("gain_function.json")
 
     @classmethod
     def retuned(cls) -> GainFunction:
-        """Return the coefficients fitted to the package's own gain table, with lambda damped."""
+        """Return the coefficients fitted to the package's own gain table, with lambda damped.
+
+        Raises
+        ------
+        FileError
+            If the package's data file is missing or malformed.
+        """
         return cls._shipped("gain_functions.json")
 
     @classmethod
@@ -132,7 +150,18 @@ class GainFunction:
         return np.array([getattr(self, name) for name in GAIN_NAMES])
 
     def gains(self, cart_mass: float, half_length: float) -> Gains:
-        """Return the gains for M [kg] and l [m], Eq. (G1), or raise if one is not positive."""
+        """Return the gains for one plant, Eq. (G1).
+
+        Parameters
+        ----------
+        cart_mass, half_length
+            M [kg] and l [m].
+
+        Raises
+        ------
+        InvalidValueError
+            If a gain is not positive.
+        """
         return Gains(
             **{
                 name: scheduled_gain(cart_mass, half_length, getattr(self, name))

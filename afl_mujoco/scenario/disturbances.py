@@ -60,7 +60,13 @@ class ForcePulse:
         return self.start, self.end
 
     def force_at(self, time: float) -> float:
-        """Return the force [N] at a time [s], after the edge if there is one."""
+        """Return the force [N] at `time`, after the edge if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
         return self.force if self.start <= time < self.end else 0.0
 
 

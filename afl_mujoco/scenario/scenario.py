@@ -465,7 +465,13 @@ class Scenario:
         )
 
     def parameters_at(self, time: float) -> CartPoleParameters:
-        """Return the cart-pole's parameters at a time [s], after the jump if there is one."""
+        """Return the cart-pole's parameters at `time`, after the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
         return CartPoleParameters(
             cart_mass=self.cart_mass.at(time),
             pole_mass=self.pole_mass,
@@ -481,19 +487,37 @@ class Scenario:
         return found
 
     def push_at(self, time: float) -> tuple[float, ...]:
-        """Return the disturbing forces [N, N m] at a time [s], after an edge, by `channels_of`."""
+        """Return the disturbing forces [N, N m] at `time`, after an edge, by `channels_of`.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
         acting = self._acting(ForcePulse)
         return tuple(math.fsum(one.force_at(time) for one in some) for some in acting)
 
     def impulse_within(self, start: float, end: float) -> tuple[float, ...]:
-        """Return the momenta [N s, N m s] of impulses over ``start <= t < end`` [s], by channel."""
+        """Return the momenta [N s, N m s] of the impulses over ``start <= t < end``, by channel.
+
+        Parameters
+        ----------
+        start, end
+            The stretch of time [s].
+        """
         acting = self._acting(Impulse)
         return tuple(
             math.fsum(one.momentum for one in some if start <= one.time < end) for some in acting
         )
 
     def pushes(self, times: Floats) -> Floats:
-        """Return the disturbing forces [N, N m] at many times [s], shape (N, channels)."""
+        """Return the disturbing forces [N, N m] at many times, shape (N, channels).
+
+        Parameters
+        ----------
+        times
+            Times [s], shape (N,).
+        """
         pulses = [d for d in self.disturbances if isinstance(d, ForcePulse)]
         edges = sorted({edge for pulse in pulses for edge in pulse.breakpoints})
         none = (0.0,) * len(channels_of(self.plant))
@@ -507,7 +531,13 @@ class Scenario:
         return replace(self, imperfections=IDEAL, belief=TRUTH)
 
     def require_ideal(self) -> None:
-        """Raise `InvalidValueError` if anything departs from the ideal loop."""
+        """Raise if anything departs from the ideal loop.
+
+        Raises
+        ------
+        InvalidValueError
+            If the scenario has imperfections.
+        """
         if self.imperfections != IDEAL or self.belief != TRUTH:
             rule = (
                 'has imperfections, which only mode "sampled" simulates: use that (the commands '

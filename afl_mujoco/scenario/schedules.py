@@ -85,17 +85,40 @@ class Schedule:
         return np.column_stack([self.times, self.values])
 
     def at(self, time: float) -> float:
-        """Return the value at a time [s], after the jump if there is one."""
+        """Return the value at one time, after the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
         value, _ = self.piece(time)
         return value
 
     def before(self, time: float) -> float:
-        """Return the value at a time [s], before the jump if there is one."""
+        """Return the value at one time, before the jump if there is one.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+        """
         value, _ = self._line(bisect_left(self.times, time) - 1, time)
         return value
 
     def piece(self, time: float) -> tuple[float, float]:
-        """Return the value just after a time [s] and the slope [1/s] up to the next breakpoint."""
+        """Return value and slope at `time`, valid from there to the next breakpoint.
+
+        Parameters
+        ----------
+        time
+            Time [s].
+
+        Returns
+        -------
+        tuple of float
+            The value just after `time` and the slope [1/s] there.
+        """
         return self._line(bisect_right(self.times, time) - 1, time)
 
     def _line(self, index: int, time: float) -> tuple[float, float]:
