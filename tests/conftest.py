@@ -3,21 +3,14 @@
 import os
 import signal
 import sys
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from afl_mujoco import (
-    CONTROLLERS,
-    CartPoleParameters,
-    Scenario,
-    constant,
-    piecewise_linear,
-    staircase,
-)
+import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.graphics import choose_backend
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from tests.program import without_progress
 
 SEED = 20260
@@ -36,7 +29,7 @@ def rng():
 @pytest.fixture
 def odd_parameters():
     """A plant that differs from the MJCF's numbers in every field."""
-    return CartPoleParameters(cart_mass=1.37, pole_mass=0.083, half_length=0.29, gravity=9.65)
+    return afl.CartPoleParameters(cart_mass=1.37, pole_mass=0.083, half_length=0.29, gravity=9.65)
 
 
 @pytest.fixture
@@ -45,17 +38,17 @@ def odd_scenario():
 
     Every breakpoint lies off the 1, 2 and 5 ms grids.
     """
-    return Scenario(
+    return afl.Scenario(
         name="odd",
         schedule={
-            "cart_mass": staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
-            "half_length": piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
+            "cart_mass": afl.staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
+            "half_length": afl.piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
             "pole_mass": 0.083,
             "gravity": 9.65,
         },
         disturbances=(
-            ForcePulse(force=-7.0, start=0.2511, duration=0.0333),
-            Impulse(momentum=0.21, time=0.5207),
+            afl.ForcePulse(force=-7.0, start=0.2511, duration=0.0333),
+            afl.Impulse(momentum=0.21, time=0.5207),
         ),
         initial_state=(0.11, -0.62, 0.05, 0.4),
         duration=0.8,
@@ -63,29 +56,20 @@ def odd_scenario():
 
 
 @pytest.fixture
-def smooth_scenario():
+def smooth_scenario(odd_scenario, odd_parameters):
     """An odd plant that neither changes nor is disturbed."""
-    return Scenario(
-        name="smooth",
-        schedule={
-            "cart_mass": constant(1.37),
-            "half_length": constant(0.29),
-            "pole_mass": 0.083,
-            "gravity": 9.65,
-        },
-        initial_state=(0.11, -0.62, 0.05, 0.4),
-        duration=0.8,
-    )
+    schedule = asdict(odd_parameters)
+    return replace(odd_scenario, name="smooth", schedule=schedule, disturbances=())
 
 
 @pytest.fixture(params=["fixed", "adaptive"])
 def controller(request):
-    return CONTROLLERS[request.param]
+    return afl.CONTROLLERS[request.param]
 
 
 @pytest.fixture
 def adaptive():
-    return CONTROLLERS["adaptive"]
+    return afl.CONTROLLERS["adaptive"]
 
 
 @pytest.fixture
@@ -118,6 +102,23 @@ def command_line(tmp_path, monkeypatch, capsys):
         return code, output, without_progress(errors)
 
     return run
+
+
+@pytest.fixture
+def refuses(command_line, tmp_path, monkeypatch):
+    """Asserts that a command ends with 2 and one line, which it returns, and writes nothing."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+    def check(*arguments: str) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        code, output, errors = command_line(*arguments)
+        assert (code, output) == (2, ""), errors
+        (line,) = errors.splitlines()
+        assert line.startswith("afl-mujoco: ")
+        assert sorted(tmp_path.rglob("*")) == before
+        return line
+
+    return check
 
 
 @pytest.fixture(autouse=True)

@@ -1,26 +1,17 @@
-"""A cart-pole with exact Coulomb friction, integrated from event to event, with no code of ours.
+"""A cart-pole with exact Coulomb friction, integrated from event to event.
 
 The rail sticks where the force that holds the cart is below the dry friction, and slips where it is
 not; SciPy's events find the instants. The equations are Lagrange's, written down here anew.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from afl_mujoco.identification.description import (
-    AngleColumn,
-    CommandColumn,
-    Description,
-    Nominal,
-    PositionColumn,
-)
+from tests.synthetic_logs import PERIOD, Pumping, described, wrapped
 
 GRAVITY = 9.81
-PERIOD = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,11 +104,9 @@ class CoulombRig:
         state = np.array([0.0, np.pi + rng.uniform(-1.0, 1.0), 0.0, 0.0])
         count = round(seconds / PERIOD)
         time = np.arange(count) * PERIOD
-        commands, rows, noise, before = [], [], 0.0, 0.0
+        commands, rows, pumping, before = [], [], Pumping(rng), 0.0
         for k in range(count):
-            noise = 0.8 * noise + rng.normal(0.0, 0.35)
-            pump = 0.7 * np.sign(state[3] * np.cos(state[1]))
-            commands.append(float(np.clip(pump + noise - 6.0 * state[0], -1.0, 1.0)))
+            commands.append(pumping(state[0], state[1], state[3]))
             acts = time[k] + self.delay
             for start, end, u in ((time[k], acts, before), (acts, time[k] + PERIOD, commands[-1])):
                 inside = time[k : k + 1] if start == time[k] else np.empty(0)
@@ -125,8 +114,7 @@ class CoulombRig:
                 rows += [row[1:] for row in found]
             before = commands[-1]
         z, angle = np.array(rows).T
-        phi = angle + rng.normal(0.0, 0.5 * self.angle_count, count)
-        phi = (phi + np.pi) % (2.0 * np.pi) - np.pi
+        phi = wrapped(angle + rng.normal(0.0, 0.5 * self.angle_count, count))
         z = z + rng.normal(0.0, 0.5 * self.position_count, count)
         return {
             "time": time,
@@ -164,15 +152,5 @@ def random_rig(seed):
 
 
 def description_of(rig):
-    """What its owner would say of its logs: the length is a little off, the rest a guess."""
-    return Description(
-        name="dry",
-        period=PERIOD,
-        phi=AngleColumn(resolution=rig.angle_count),
-        z=PositionColumn(resolution=rig.position_count),
-        command=CommandColumn(limit=1.0),
-        nominal=Nominal(
-            pole_mass=rig.pole_mass, half_length=1.03 * rig.half_length, cart_mass=0.7, force=8.0,
-            rail_damping=2.0,
-        ),
-    )  # fmt: skip
+    """What its owner would say of its logs."""
+    return described("dry", rig, rig.angle_count, cart_mass=0.7, force=8.0)

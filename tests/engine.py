@@ -1,7 +1,5 @@
 """MuJoCo's cart-pole, asked with single numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

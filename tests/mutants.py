@@ -60,32 +60,25 @@ AREAS = {
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
     "checks": (
-        "studies/validate.py",
-        *(
-            f"studies/verify/{name}.py"
-            for name in ("checks", "claims", "convergence", "criteria", "explanation")
-        ),
+        *("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
+        *("studies/verify/convergence.py", "studies/verify/criteria.py"),
+        "studies/verify/explanation.py",
     ),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
 }
 DRAWN = ("simulation/decor.py", "simulation/figures.py")
 """What only draws."""
 
+BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Div Mod_FloorDiv"
+COMPARISONS = (
+    "Lt_LtE Lt_GtE LtE_Lt LtE_Gt Gt_GtE Gt_LtE GtE_Gt GtE_Lt Eq_NotEq NotEq_Eq Is_IsNot IsNot_Is"
+)
 OPERATORS = (
-    *("ReplaceBinaryOperator_Add_Sub", "ReplaceBinaryOperator_Sub_Add"),
-    *("ReplaceBinaryOperator_Mul_Div", "ReplaceBinaryOperator_Div_Mul"),
-    *("ReplaceBinaryOperator_Pow_Mul", "ReplaceBinaryOperator_FloorDiv_Div"),
-    "ReplaceBinaryOperator_Mod_FloorDiv",
-    *("ReplaceComparisonOperator_Lt_LtE", "ReplaceComparisonOperator_Lt_GtE"),
-    *("ReplaceComparisonOperator_LtE_Lt", "ReplaceComparisonOperator_LtE_Gt"),
-    *("ReplaceComparisonOperator_Gt_GtE", "ReplaceComparisonOperator_Gt_LtE"),
-    *("ReplaceComparisonOperator_GtE_Gt", "ReplaceComparisonOperator_GtE_Lt"),
-    *("ReplaceComparisonOperator_Eq_NotEq", "ReplaceComparisonOperator_NotEq_Eq"),
-    *("ReplaceComparisonOperator_Is_IsNot", "ReplaceComparisonOperator_IsNot_Is"),
+    *(f"ReplaceBinaryOperator_{one}" for one in BINARY.split()),
+    *(f"ReplaceComparisonOperator_{one}" for one in COMPARISONS.split()),
     *("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not"),
-    *("AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd"),
-    *("ReplaceTrueWithFalse", "ReplaceFalseWithTrue"),
-    *("ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
+    *("AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse"),
+    *("ReplaceFalseWithTrue", "ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
     *("ZeroIterationForLoop", "NumberReplacer"),
 )
 
@@ -94,11 +87,10 @@ NOT_CHANGED = {"raise_stmt", "assert_stmt", "fstring", "decorator", "tfpdef"}
 Key = tuple[str, str, str, int]
 
 LATE = (
-    "tests/control/test_baselines.py",
-    *("tests/studies/test_thresholds.py", "tests/simulation/test_gym_env.py"),
-    *("tests/studies/test_margins.py", "tests/simulation/test_task.py"),
-    *("tests/studies/test_montecarlo.py", "tests/studies/test_robustness.py"),
-    "tests/simulation/test_graphics.py",
+    *("tests/control/test_baselines.py", "tests/studies/test_thresholds.py"),
+    *("tests/simulation/test_gym_env.py", "tests/studies/test_margins.py"),
+    *("tests/simulation/test_task.py", "tests/studies/test_montecarlo.py"),
+    *("tests/studies/test_robustness.py", "tests/simulation/test_graphics.py"),
 )
 """Tests that take longest; they run last."""
 
@@ -108,7 +100,7 @@ NO_TIME = "time limit"
 KILLED, SURVIVED, SAME = "killed", "survived", "equivalent"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Place:
     """Where an operator can change a source: the `nth` time in lines that read so."""
 
@@ -203,15 +195,7 @@ def places_in(file: str, area: str) -> Iterator[Place]:
             if not _left_out(node):
                 was = lines[line - 1].strip()
                 nth, seen[was] = seen[was], seen[was] + 1
-                yield Place(
-                    area=area,
-                    file=file,
-                    operator=name,
-                    occurrence=occurrence,
-                    line=line - 1,
-                    was=was,
-                    nth=nth,
-                )
+                yield Place(area, file, name, occurrence, line - 1, was, nth)
 
 
 def _left_out(node: Any) -> bool:
@@ -219,11 +203,10 @@ def _left_out(node: Any) -> bool:
     if parent is not None and parent.type == "parameters":  # the bare star
         return True
     while parent is not None:
-        if parent.type in NOT_CHANGED:
-            return True
-        if parent.type == "annassign" and child is parent.children[1]:
-            return True
-        if parent.type == "funcdef" and child is parent.annotation:
+        annotates = (parent.type == "annassign" and child is parent.children[1]) or (
+            parent.type == "funcdef" and child is parent.annotation
+        )
+        if annotates or parent.type in NOT_CHANGED:
             return True
         child, parent = parent, parent.parent
     return False
@@ -256,7 +239,7 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(row["file"], row["was"], row["now"]): row["reason"] for row in listed}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Found:
     area: str
     file: str
@@ -334,8 +317,7 @@ class Tests:
 def found_of(mutant: Mutant, by: str, *, same: bool = False) -> Found:
     outcome = SAME if same else KILLED if by else SURVIVED
     at = mutant.place
-    words = {"area": at.area, "file": at.file, "was": at.was, "now": mutant.now}
-    return Found(**words, nth=at.nth, outcome=outcome, by=by)
+    return Found(at.area, at.file, at.was, mutant.now, at.nth, outcome, by)
 
 
 def load(path: Path) -> dict[Key, Found]:
@@ -347,18 +329,11 @@ def load(path: Path) -> dict[Key, Found]:
 
 def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
     """Write what was found."""
-    whole = summary(found)
+    areas = {area: [one for one in found if one.area == area] for area in AREAS}
     result = {
-        "command": command(sys.argv[1:]),
-        "versions": versions(),
-        "seed": seed,
-        "places": of,
-        **whole,
-        "areas": {
-            area: summary([one for one in found if one.area == area])
-            for area in AREAS
-            if any(one.area == area for one in found)
-        },
+        **{"command": command(sys.argv[1:]), "versions": versions(), "seed": seed, "places": of},
+        **summary(found),
+        "areas": {area: summary(those) for area, those in areas.items() if those},
         "mutants": [asdict(one) for one in sorted(found, key=lambda one: one.key)],
     }
     write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")

@@ -6,8 +6,6 @@ controllers get differences. Between the instants at which anything changes SciP
 integrates cart, pole and drive together.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -72,9 +70,8 @@ def move(rig: Rig, law: Law) -> Motion:
         asked = law(now, np.concatenate([position, rates]))
         commands.append(asked)
         sent.append((now + rig.delay, float(np.clip(asked, -rig.limit, rig.limit))))
-        cuts = sorted({t for t, _ in sent if now < t < end} | {begin, begin + lasts} | {now, end})
-        cuts = [t for t in cuts if now <= t <= end]
-        for first, last in pairwise(cuts):
+        cuts = sorted({t for t, _ in sent} | {begin, begin + lasts} | {now, end})
+        for first, last in pairwise(t for t in cuts if now <= t <= end):
             middle = 0.5 * (first + last)
             wanted = next(f for t, f in reversed(sent) if t <= middle)
             pushed = rig.push[0] if begin <= middle < begin + lasts else 0.0
@@ -90,12 +87,9 @@ def move(rig: Rig, law: Law) -> Motion:
             break
     state = np.concatenate(states)
     return Motion(
-        time=np.concatenate(times),
-        state=state[:, :4],
-        force=state[:, 4],
-        command=np.array(commands),
-        fell=fell,
-    )
+        time=np.concatenate(times), state=state[:, :4], force=state[:, 4],
+        command=np.array(commands), fell=fell,
+    )  # fmt: skip
 
 
 def _slopes(t: float, x: np.ndarray, rig: Rig, wanted: float, pushed: float) -> list[float]:

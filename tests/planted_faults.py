@@ -11,8 +11,6 @@ list names, the verdict of `afl-mujoco validate --full`, the other tests.
 Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import json

@@ -1,7 +1,5 @@
 """The program in a process of its own, as a user starts it."""
 
-from __future__ import annotations
-
 import os
 import re
 import signal
@@ -16,14 +14,9 @@ COMMAND = (sys.executable, "-m", "afl_mujoco")
 
 def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        [*COMMAND, *arguments],
-        cwd=cwd,
-        env={**os.environ, **variables},
-        capture_output=True,
-        text=True,
-        timeout=300,
-        check=False,
-    )
+        [*COMMAND, *arguments], cwd=cwd, env={**os.environ, **variables}, capture_output=True,
+        text=True, timeout=300,
+    )  # fmt: skip
     done.stderr = without_progress(done.stderr)
     return done
 
@@ -38,13 +31,9 @@ def interrupt(*arguments: str, cwd: Path, once: Callable[[], object], after: flo
     It must end as every command does then: exit code 130, one line, and nothing on stdout.
     """
     process = subprocess.Popen(
-        [*COMMAND, *arguments],
-        cwd=cwd,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+        [*COMMAND, *arguments], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         start_new_session=True,
-    )
+    )  # fmt: skip
     while not once():
         time.sleep(0.02)
         assert process.poll() is None, process.communicate()

@@ -1,7 +1,5 @@
 """Spaces near that of the laboratory."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Made-up results with a bit of everything, for the tests of sections, figures and the page."""
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import replace
 from functools import cache

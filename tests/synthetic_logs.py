@@ -1,19 +1,12 @@
 """Logs of cart-poles whose parameters are known: MuJoCo stepped by itself, sensors as real ones."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from afl_mujoco.identification.description import (
-    AngleColumn,
-    CommandColumn,
-    Description,
-    Nominal,
-    PositionColumn,
-)
+from afl_mujoco.identification import description as columns
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -74,19 +67,38 @@ class Truth:
         }
 
     @property
-    def description(self) -> Description:
-        """What its owner would say: the length is a little off, the rest a guess."""
-        return Description(
-            name="made up",
-            period=PERIOD,
-            phi=AngleColumn(resolution=self.count),
-            z=PositionColumn(resolution=self.position_count),
-            command=CommandColumn(limit=1.0),
-            nominal=Nominal(
-                pole_mass=self.pole_mass, half_length=1.03 * self.half_length,
-                cart_mass=0.5, force=5.0, rail_damping=2.0,
-            ),
-        )  # fmt: skip
+    def description(self) -> columns.Description:
+        return described("made up", self, self.count, cart_mass=0.5, force=5.0)
+
+
+def described(name: str, rig: Any, count: float, **guessed: float) -> columns.Description:
+    """What its owner would say of its logs: the length is a little off, the rest a guess."""
+    lengths = {"pole_mass": rig.pole_mass, "half_length": 1.03 * rig.half_length}
+    return columns.Description(
+        name=name,
+        period=PERIOD,
+        phi=columns.AngleColumn(resolution=count),
+        z=columns.PositionColumn(resolution=rig.position_count),
+        command=columns.CommandColumn(limit=1.0),
+        nominal=columns.Nominal(**lengths, **guessed, rail_damping=2.0),
+    )
+
+
+class Pumping:
+    """Commands that pump a pole and keep the cart near the middle."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.rng, self.noise = rng, 0.0
+
+    def __call__(self, z: float, phi: float, phi_dot: float) -> float:
+        self.noise = 0.8 * self.noise + self.rng.normal(0.0, 0.35)
+        pump = 0.7 * np.sign(phi_dot * np.cos(phi))
+        return float(np.clip(pump + self.noise - 6.0 * z, -1.0, 1.0))
+
+
+def wrapped(angle: np.ndarray) -> np.ndarray:
+    """The same angle from -pi to pi."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def random_truth(seed: int) -> Truth:
@@ -115,13 +127,10 @@ def swing(
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)
     ticks, hold = round(seconds / PERIOD), round(PERIOD / STEP)
     late = round(truth.delay / STEP)
-    commands, noise = [0.0], 0.0
-    states = []
+    commands, states, pumping = [0.0], [], Pumping(rng)
     for k in range(ticks * hold + 40):
         if k % hold == 0:
-            noise = 0.8 * noise + rng.normal(0.0, 0.35)
-            pump = 0.7 * np.sign(d.qvel[1] * np.cos(d.qpos[1]))
-            commands.append(float(np.clip(pump + noise - 6.0 * d.qpos[0], -1.0, 1.0)))
+            commands.append(pumping(*d.qpos, d.qvel[1]))
         states.append((d.qpos[0], d.qpos[1]))
         d.ctrl[0] = truth.force * commands[max(0, (k - late) // hold + 1)]
         mujoco.mj_step(m, d)
@@ -132,7 +141,7 @@ def swing(
     z = np.interp(time + truth.skew, instants, track[:, 0])
     angle = np.interp(time, instants, track[:, 1])
     phi = (angle - truth.offset) / truth.angle_scale + rng.normal(0.0, 0.5 * truth.count, count)
-    phi = (phi + np.pi) % (2.0 * np.pi) - np.pi
+    phi = wrapped(phi)
     stamps = 1e4 + time + rng.normal(0.0, 5e-3 * period, count)
     return {
         "time": stamps,

@@ -27,9 +27,8 @@ def test_the_stamp_covers_every_file_that_python_itself_imports(module):
         f"import afl_mujoco.{module}\n"
         "print(*(m.__file__ for n, m in sys.modules.items() if n.startswith('afl_mujoco.')))"
     )
-    loaded = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, check=True
-    ).stdout.split()
+    command = [sys.executable, "-c", program]
+    loaded = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     always = {PACKAGE / "simulation/gym_env/registration.py"}  # imported with the package itself
     needed = compiled._needed(file_of(module))
     missing = {Path(file) for file in loaded} - needed - always

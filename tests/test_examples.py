@@ -76,11 +76,16 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
+@pytest.fixture
+def drawing(command: str, request: pytest.FixtureRequest) -> None:
+    if command == "render":
+        request.getfixturevalue("graphics")
+
+
 def test_the_example_has_ten_lines() -> None:
     text, _, _ = (EXAMPLES / "own_controller.py").read_text().partition("class Integrating")
-    lines = text.splitlines()
-    body = [x for x in lines if x.strip() and not x.lstrip().startswith(("#", '"""'))]
-    assert len(body) <= 10
+    body = [x.strip() for x in text.splitlines()]
+    assert len([x for x in body if x and not x.startswith(("#", '"""'))]) <= 10
 
 
 def test_the_first_comparison_says_who_meets_the_requirements(folder: Path) -> None:
@@ -122,9 +127,7 @@ def test_the_example_is_filmed(graphics: None, folder: Path, command_line) -> No
     assert (folder / "out" / "short-own_controller.force.mp4").stat().st_size > 1000
 
 
-def test_the_example_has_a_threshold_and_a_broken_controller_fails(
-    folder: Path, command_line
-) -> None:
+def test_the_example_has_a_threshold_and_a_broken_controller_fails(folder, command_line) -> None:
     (folder / "short.toml").write_text("duration = 2.0\n")
     code, _, errors = command_line(
         "thresholds", "short.toml", "--controllers", "own_controller:force", "broken:raises",
@@ -138,7 +141,7 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(
     assert mine.survives.holds_at > 50.0  # it needs more than the reference hardware has
     assert [one.failure for one in found.runs(mine.failure)] == ["fell"]
     assert broken.failure == CONTROLLER_FAILED
-    assert SAID["raises"].endswith(broken.message[: len("raised ZeroDivisionError at t = 0.05")])
+    assert broken.message.startswith("raised ZeroDivisionError at t = 0.05")
 
 
 @pytest.mark.parametrize(
@@ -149,10 +152,8 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(
     ],
 )
 def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
-    command: str, controller: str, folder: Path, command_line, request: pytest.FixtureRequest
+    command: str, controller: str, folder: Path, command_line, drawing: None
 ) -> None:
-    if command == "render":
-        request.getfixturevalue("graphics")
     code, output, errors = command_line(*arguments_of(command, f"broken:{controller}"))
     assert (code, output) == (2, "")
     assert errors.startswith(f"afl-mujoco: {SAID[controller]}")
@@ -168,10 +169,8 @@ def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_controller_without_a_force_ends_the_run_and_the_result_says_so(
-    command: str, folder: Path, command_line, request: pytest.FixtureRequest
+    command: str, folder: Path, command_line, drawing: None
 ) -> None:
-    if command == "render":
-        request.getfixturevalue("graphics")
     code, output, errors = command_line(*arguments_of(command, "broken:nothing"))
     assert (code, errors) == (0 if command == "render" else 1, "")
     if command == "validate":
@@ -212,13 +211,12 @@ def test_a_learned_policy_runs_as_a_controller(monkeypatch: pytest.MonkeyPatch) 
     def make_vec_env(environment, *, n_envs: int, seed: int, env_kwargs):
         return [environment(**env_kwargs) for _ in range(2)]
 
-    common = types.SimpleNamespace(env_util=types.SimpleNamespace(make_vec_env=make_vec_env))
-    for name, module in {
-        "stable_baselines3": types.SimpleNamespace(PPO=Learner, common=common),
-        "stable_baselines3.common": common,
-        "stable_baselines3.common.env_util": common.env_util,
+    for name, held in {
+        "stable_baselines3": {"PPO": Learner},
+        "stable_baselines3.common": {},
+        "stable_baselines3.common.env_util": {"make_vec_env": make_vec_env},
     }.items():
-        monkeypatch.setitem(sys.modules, name, module)
+        monkeypatch.setitem(sys.modules, name, types.SimpleNamespace(**held))
     monkeypatch.syspath_prepend(str(EXAMPLES))
     import learned_policy
 

@@ -3,8 +3,6 @@
 That any scenario survives its file is in `scenario/test_files.py`.
 """
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 
@@ -22,6 +20,7 @@ from afl_mujoco.studies.verify.criteria import CRITERIA
 CART_MASS = st.floats(0.1, 2.0)
 HALF_LENGTH = st.floats(0.05, 1.0)
 POLE_MASS = st.floats(0.01, 0.5)
+WIDE = st.floats(1, 500)
 STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
 CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
 PLANTS = st.builds(
@@ -33,8 +32,7 @@ PLANTS = st.builds(
 )
 
 
-def inputs_for(controller: str, plant: afl.CartPoleParameters) -> np.ndarray:
-    p = plant
+def inputs_for(controller: str, p: afl.CartPoleParameters) -> np.ndarray:
     inputs = afl.CONTROLLERS[controller].inputs_along_run
     return inputs(p.cart_mass, p.half_length, p.pole_mass, p.gravity)
 
@@ -60,16 +58,9 @@ def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> No
 @given(
     state=STATES,
     plant=PLANTS,
-    gains=st.builds(
-        afl.Gains,
-        switching=st.floats(1, 500),
-        slope=st.floats(0.1, 5),
-        boundary_layer=st.floats(1, 500),
-    ),
+    gains=st.builds(afl.Gains, switching=WIDE, slope=st.floats(0.1, 5), boundary_layer=WIDE),
 )
-def test_the_readable_controller_is_odd_to_the_last_bit(
-    state: tuple[float, ...], plant: afl.CartPoleParameters, gains: afl.Gains
-) -> None:
+def test_the_readable_controller_is_odd_to_the_last_bit(state, plant, gains) -> None:
     there = afl.control_force(state, plant, gains)
     assert afl.control_force(np.negative(state), plant, gains) == -there
 
@@ -114,9 +105,7 @@ def schedules(draw: st.DrawFn, values: st.SearchStrategy[float], end: float) -> 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
 @given(schedule=schedules(CART_MASS, 10.0), time=st.floats(-1.0, 11.0), at_knot=st.booleans())
-def test_a_schedule_jumps_only_where_a_time_stands_twice(
-    schedule: afl.Schedule, time: float, at_knot: bool
-) -> None:
+def test_a_schedule_jumps_only_where_a_time_stands_twice(schedule, time, at_knot) -> None:
     if at_knot:
         time = min(schedule.times, key=lambda t: abs(t - time))
     value, knots = schedule.at(time), list(zip(schedule.times, schedule.values, strict=True))
@@ -142,14 +131,13 @@ def test_a_schedule_jumps_only_where_a_time_stands_twice(
 def scenarios(draw: st.DrawFn) -> afl.Scenario:
     """About a second of anything, its times on no grid, its horizon a whole number of ms."""
     end = draw(st.integers(800, 1200)) / 1000
+    edge = st.floats(0.0, end - 1e-6)
     pulses = st.builds(
         lambda force, edges: afl.ForcePulse(
             force=force, start=min(edges), duration=max(edges) - min(edges)
         ),
         st.floats(-20.0, 20.0),
-        st.lists(st.floats(0.0, end - 1e-6), min_size=2, max_size=2).filter(
-            lambda edges: abs(edges[0] - edges[1]) > 1e-6
-        ),
+        st.tuples(edge, edge).filter(lambda edges: abs(edges[0] - edges[1]) > 1e-6),
     )
     hits = st.builds(
         afl.Impulse, momentum=st.floats(-1.0, 1.0), time=st.floats(0.0, end, exclude_max=True)
@@ -163,11 +151,7 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
             "pole_mass": draw(POLE_MASS),
         },
         disturbances=draw(st.lists(st.one_of(pulses, hits), max_size=2)),
-        initial_state=draw(
-            st.tuples(
-                st.floats(-1, 1), st.floats(-angle, angle), st.floats(-1, 1), st.floats(-1, 1)
-            )
-        ),
+        initial_state=draw(st.tuples(*(st.floats(-x, x) for x in (1.0, angle, 1.0, 1.0)))),
         duration=end,
     )
 
@@ -198,9 +182,7 @@ def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> N
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("angle", [1.45, -1.55], ids=str)
-def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(
-    controller: str, angle: float
-) -> None:
+def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(controller, angle) -> None:
     scenario = afl.Scenario(
         name="falling",
         schedule={"half_length": afl.constant(0.15)},

@@ -1,7 +1,5 @@
 """A wheel, built as a user's installer would and installed elsewhere, is complete."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

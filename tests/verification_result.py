@@ -1,7 +1,5 @@
 """A small made-up verification with a bit of everything, for the tests of sections and page."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,15 +14,8 @@ from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.validate import Result, verdict_of
+from afl_mujoco.studies.verify import claims
 from afl_mujoco.studies.verify.cases import REPORTED, Settings, Simulated
-from afl_mujoco.studies.verify.claims import (
-    IN_PART,
-    NOT_REPRODUCED,
-    REPRODUCED,
-    UNDETERMINED,
-    Claim,
-    Comparison,
-)
 from afl_mujoco.studies.verify.criteria import CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Omission
 
@@ -45,7 +36,14 @@ OWN = afl.Scenario(
 
 SCENARIOS = (OWN, replace(OWN, name=NASTY))
 
-_VERDICTS = (REPRODUCED, REPRODUCED, NOT_REPRODUCED, IN_PART, UNDETERMINED, NOT_REPRODUCED)
+_VERDICTS = (
+    claims.REPRODUCED,
+    claims.REPRODUCED,
+    claims.NOT_REPRODUCED,
+    claims.IN_PART,
+    claims.UNDETERMINED,
+    claims.NOT_REPRODUCED,
+)
 _METRICS = {
     "objective": 2.1633, "iae_z": 11.5, "iae_phi": 0.91, "max_force": 58.9, "force_squared": 75.2,
     "settling_2pc_z": 7.76, "overshoot_z": 4.2, "overshoot_phi": 0.35,
@@ -114,8 +112,8 @@ def make_checks(places: Sequence[dict[str, str]], b3: float | None) -> tuple[Che
     )
 
 
-def comparison(share: float, interval: tuple[float, float]) -> Comparison:
-    return Comparison(schedules=1000, share=share, interval=interval, quantiles=_QUANTILES)
+def comparison(share: float, interval: tuple[float, float]) -> claims.Comparison:
+    return claims.Comparison(schedules=1000, share=share, interval=interval, quantiles=_QUANTILES)
 
 
 def make_budget(size: int, **place: str) -> ErrorBudget:
@@ -127,8 +125,8 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
     )  # fmt: skip
 
 
-def make_claim(number: int) -> Claim:
-    return Claim(
+def make_claim(number: int) -> claims.Claim:
+    return claims.Claim(
         id=f"C{number}",
         claim=f"claim {number} has |F| & <angles>",
         figure="improvement of the objective (O1) [%]",

@@ -1,7 +1,5 @@
 """What makes faulty copies quick leaves no fault out, and what is excused is in the code."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.faulty_copies import REPOSITORY, outline
@@ -46,11 +44,8 @@ def test_what_may_be_compiled_or_runs_at_import_is_in_an_outline(number: str) ->
 
 
 @pytest.mark.parametrize("number", ["3.0", "4.0", "6.0"])
-def test_what_is_neither_is_not(number: str) -> None:
+def test_what_is_neither_is_not_and_leaves_its_lines(number: str) -> None:
     assert outline(SOURCE.replace(number, "7.0"), RAN) == outline(SOURCE, RAN)
-
-
-def test_an_outline_has_the_lines_of_its_source() -> None:
     lines = outline(SOURCE, RAN).splitlines()
     assert lines.index("def plain(x):") == SOURCE.splitlines().index("def plain(x):")
 

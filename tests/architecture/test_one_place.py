@@ -1,7 +1,5 @@
 """What is added in one place is everywhere."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -1,7 +1,5 @@
 """The list of planted faults fits the code: each text that a fault replaces stands there once."""
 
-from __future__ import annotations
-
 from tests.planted_faults import load_faults
 
 

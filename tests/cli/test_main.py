@@ -1,7 +1,5 @@
 """The real command line: exit codes, one clear line, nothing half-written."""
 
-from __future__ import annotations
-
 import ctypes
 import json
 import shlex
@@ -36,54 +34,24 @@ duration = 0.05
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A working folder that holds one good scenario file, and a bad list of films."""
+    """A working folder with scenario files, of which one is good."""
     (tmp_path / "short.toml").write_text(SHORT)
+    (tmp_path / "bad.toml").write_text(SHORT.replace("[0.5, 1.0]", "[0.5, -1.0]"))
     (tmp_path / "empty.toml").write_text('[replay]\ncontroller = ""')
-    (tmp_path / "films").mkdir()
-    (tmp_path / "films" / "films.json").write_text("{}")
     return tmp_path
 
 
-@pytest.fixture
-def rejects(folder: Path, command_line):
-    """Asserts that a command line is refused in one line with a message, and writes nothing."""
-
-    def check(message: str, *arguments: str) -> None:
-        before = sorted(p.name for p in folder.iterdir())
-        code, output, errors = command_line(*arguments)
-        assert (code, output) == (2, "")
-        assert len(errors.splitlines()) == 1
-        assert message in errors
-        assert sorted(p.name for p in folder.iterdir()) == before
-
-    return check
-
-
-@pytest.mark.parametrize("command", ["validate", "simulate"])
-def test_a_bad_scenario_file_is_one_line_that_names_file_key_and_value(
-    folder: Path, rejects, command: str
-) -> None:
-    (folder / "bad.toml").write_text(SHORT.replace("[0.5, 1.0]", "[0.5, -1.0]"))
-    rejects("bad.toml: schedule.cart_mass must be positive, got -1.0", command, "bad.toml")
-
-
 BAD_ARGUMENTS = {
-    "validate missing.toml": "missing.toml cannot be read: no such file or directory",
+    "validate bad.toml": "bad.toml: schedule.cart_mass must be positive, got -1.0",
+    "simulate bad.toml": "bad.toml: schedule.cart_mass must be positive, got -1.0",
     "validate step": "scenario must be one of nominal, step-step, ",
-    "validate short.toml --controllers pid": "controller must be one of fixed, adaptive, ",
-    "validate short.toml --controllers adaptive-estimated": (
-        "controller 'adaptive-estimated' uses the estimator; only mode \"sampled\" "
-    ),
     "simulate short.toml --simulator ode --controller lqr-estimated": (
         "controller 'lqr-estimated' uses the estimator; only mode \"sampled\" "
     ),
     "validate short.toml --timestep 0.003 --control-period 0.01": (
         "timestep 0.003 s must divide control_period 0.01 s"
     ),
-    "validate short.toml --timestep -0.001": "timestep must be positive, got -0.001",
     "validate --timestep fast": "--timestep must be a number, got fast",
-    "validate short.toml --workers 0": "workers must be at least 1, got 0",
-    "validate nominal nominal": "scenario names must differ, got 'nominal' twice",
     "validate --fast": "--fast is not an option of validate",
     "thresholds --control-period": "--control-period is not an option of thresholds",
     "compare --time-step=1": "is not an option of compare; did you mean --timestep?",
@@ -94,7 +62,6 @@ BAD_ARGUMENTS = {
     "validat": "got 'validat'; did you mean validate?",
     "": "command must be one of compare, check, validate, thresholds, montecarlo, attraction, ",
     "report nowhere": "nowhere must hold a result: run afl-mujoco validate",
-    "validate short.toml --films films": "films/films.json does not list films: films is missing",
     "simulate short.toml --simulator drake": (
         "simulator must be one of ode, exact, continuous, sampled, got 'drake'"
     ),
@@ -104,9 +71,6 @@ BAD_ARGUMENTS = {
     "validate nominal --timestep": "--timestep must have a value, got none",
     "simulate short.toml --integrator RK5": (
         "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'"
-    ),
-    "validate short.toml --out short.toml": (
-        "output folder short.toml cannot be written: file exists"
     ),
     "simulate short.toml --out short.toml/x": (
         "output folder short.toml/x cannot be written: not a directory"
@@ -118,8 +82,8 @@ BAD_ARGUMENTS = {
 
 
 @pytest.mark.parametrize("line", BAD_ARGUMENTS)
-def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(rejects, line: str) -> None:
-    rejects(BAD_ARGUMENTS[line], *shlex.split(line))
+def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(folder, refuses, line) -> None:
+    assert BAD_ARGUMENTS[line] in refuses(*shlex.split(line))
 
 
 def test_validate_writes_a_report_that_passes(folder: Path, command_line) -> None:
@@ -139,9 +103,7 @@ def test_validate_writes_a_report_that_passes(folder: Path, command_line) -> Non
     assert (folder / "out" / "report.html").read_bytes() == page
 
 
-def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(
-    folder: Path, command_line
-) -> None:
+def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(folder, command_line):
     """Every option that matters and no other."""
     shutil.copy(folder / "short.toml", folder / "my case.toml")
     (folder / "out").mkdir()
@@ -153,9 +115,8 @@ def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(
     assert output.rstrip().splitlines()[-1].startswith("FAIL: ")
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "fail"
-    said = shlex.split(report["command"])
-    assert said[:3] == ["afl-mujoco", "validate", "my case.toml"]
-    assert " ".join(said[3:]) == "--controllers adaptive --timestep 0.01"
+    said = ["afl-mujoco", "validate", "my case.toml", *options]
+    assert shlex.split(report["command"]) == said
     written = {p.name for p in (folder / "out").iterdir()}
     assert written == {"report.json", "report.md", "report.npz"}
 
@@ -166,9 +127,7 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path, command_
     assert "objective OF" in output and "settling" not in output
     stem = folder / "out" / "short-adaptive-sampled"
     trajectory = afl.Trajectory.load(stem.with_suffix(".npz"))
-    again = afl.simulate_mujoco(
-        afl.load_scenario(folder / "out" / "short.toml"), afl.CONTROLLERS["adaptive"], "sampled"
-    )
+    again = afl.simulate_mujoco(folder / "out" / "short.toml", "adaptive", "sampled")
     assert (trajectory.state == again.state).all()
     assert stem.with_suffix(".png").stat().st_size > 10_000
     assert len(list((folder / "out").iterdir())) == 3
@@ -184,11 +143,8 @@ def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, wor
 
 def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder: Path) -> None:
     (folder / "own.py").write_text(
-        "import signal\n"
-        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "class Library:\n"
-        "    def __del__(self): signal.raise_signal(signal.SIGINT)\n"
-        "Library()\n"
+        "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nclass Library:\n"
+        "    def __del__(self): signal.raise_signal(signal.SIGINT)\nLibrary()\n"
         "def force(t, state, belief): return 0.0\n"
     )
     result = run("validate", "--controllers", "own:force", cwd=folder)
@@ -239,9 +195,7 @@ def a_callback(made: type[Exception] | None) -> Callable[[Regression], int]:
     [a_library_that_is_loaded, *map(a_callback, (None, FileNotFoundError, GraphicsError))],
     ids=["import", "callback", "file", "graphics"],
 )
-def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(
-    monkeypatch, capsys, command
-) -> None:
+def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(monkeypatch, capsys, command):
     monkeypatch.setattr(Regression, "run", command)
     assert main(["regression"]) == 130
     assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
@@ -270,13 +224,10 @@ def shadowed(folder: Path) -> Path:
 
 @pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
 def test_no_file_of_the_working_folder_hides_a_module(shadowed: Path, flags: list[str]) -> None:
+    command = "-m afl_mujoco simulate short.toml --controller mine:force --no-page --out out"
     done = subprocess.run(
-        [
-            sys.executable, *flags, "-m", "afl_mujoco", "simulate", "short.toml", "--controller",
-            "mine:force", "--no-page", "--out", "out",
-        ],
-        cwd=shadowed, capture_output=True, text=True, timeout=600, check=False,
-    )  # fmt: skip
+        [sys.executable, *flags, *command.split()], cwd=shadowed, capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (1, "")  # it falls
     assert (shadowed / "out" / "short-mine.force-sampled.npz").is_file()
 

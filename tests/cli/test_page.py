@@ -1,7 +1,5 @@
 """The page says what the report says, to everyone, and nothing else happens in it."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import itertools
@@ -20,8 +18,7 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.report.style import CONTROLLERS
 from afl_mujoco.studies.estimation import CASES
 from afl_mujoco.studies.shared.contract import find_study
-from afl_mujoco.studies.shared.record import PAGE, Record, save_record
-from afl_mujoco.studies.validate import Result
+from afl_mujoco.studies.shared.record import PAGE, save_record
 from tests import study_results
 from tests.verification_result import NASTY, film_entry, make_result, write_listing
 
@@ -61,11 +58,8 @@ class Outline(HTMLParser):
         return [attributes for name, attributes in self.elements if name == tag]
 
 
-def written(folder: Path, result: Result, films: Path = Path("nowhere"), **more: bool) -> str:
-    study = find_study("validate")
-    record = Record(study=study, result=result, command="afl-mujoco validate 'my scenario.toml'")
-    save_record(record, folder, **more)
-    return write_page(folder, films).read_text(encoding="utf-8")
+def made(folder: Path) -> str:
+    return write_page(folder, folder).read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +75,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def page(folder: Path) -> str:
-    return write_page(folder, folder).read_text(encoding="utf-8")
+    return made(folder)
 
 
 @pytest.fixture(scope="module")
@@ -90,7 +84,7 @@ def outline(page: str) -> Outline:
 
 
 def test_the_same_files_give_the_same_bytes(page: str, folder: Path) -> None:
-    assert write_page(folder, folder).read_text(encoding="utf-8") == page
+    assert made(folder) == page
 
 
 def test_every_study_has_its_headline_and_the_command_that_made_it(outline: Outline) -> None:
@@ -103,35 +97,34 @@ def test_every_study_has_its_headline_and_the_command_that_made_it(outline: Outl
 
 
 def test_a_verification_that_fails_says_so_first(tmp_path: Path) -> None:
-    text = Outline(written(tmp_path, make_result(b3=3.4e-7), figures=False)).text
+    failed = replace(study_results.record("validate"), result=make_result(b3=3.4e-7))
+    save_record(failed, tmp_path, figures=False)
+    text = Outline(made(tmp_path)).text
     assert text.startswith("FAIL: ") and "PASS" not in text
 
 
 def test_a_page_without_a_verification_has_no_verdict(tmp_path: Path) -> None:
     save_record(study_results.record("margins"), tmp_path, figures=False)
-    text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
+    text = Outline(made(tmp_path)).text
     assert text.startswith("Stability margins")
     assert "PASS" not in text and "FAIL" not in text
 
 
 def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
-    for name, options, said in (
-        ("validate", {"scenarios": ("nominal",)}, (["nominal"], PAPER)),
-        ("compare", {}, (["step-step"], ["adaptive", "lqr"])),
-        ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, (["laboratory"], ["lqr"])),
-        ("estimation", {"controller": "adaptive-retuned"}, (CASES, ["adaptive-retuned"])),
-        ("montecarlo", {}, (["laboratory"], ["adaptive", "lqr"])),
+    for name, options, scenarios, controllers in (
+        ("validate", {"scenarios": ("nominal",)}, ["nominal"], PAPER),
+        ("compare", {}, ["step-step"], ["adaptive", "lqr"]),
+        ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, ["laboratory"], ["lqr"]),
+        ("estimation", {"controller": "adaptive-retuned"}, CASES, ["adaptive-retuned"]),
+        ("montecarlo", {}, ["laboratory"], ["adaptive", "lqr"]),
     ):
-        scenarios, controllers = said
         study = find_study(name)
         found = inputs_of(study.prepare(study.configuration(**options)))
         things = [f"scenario {one}" for one in scenarios]
         assert [*found] == things + [f"controller {one}" for one in controllers]
 
 
-def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_of(
-    tmp_path: Path,
-) -> None:
+def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_of(tmp_path):
     inputs = {"scenario rig": "a", "controller lqr": "b"}
     changed = {"margins": {}, "thresholds": {"controller lqr": "c"}, "compare": {"scenario x": "d"}}
     for name, new in changed.items():
@@ -139,7 +132,7 @@ def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_
         save_record(one, tmp_path, figures=False)
     write_listing(tmp_path, film_entry("a.mp4", inputs={"scenario rig": "e"}))
     (tmp_path / "a.mp4").write_bytes(b"film")
-    text = Outline(write_page(tmp_path, tmp_path).read_text(encoding="utf-8")).text
+    text = Outline(made(tmp_path)).text
     titles = [find_study(name).title for name in ("compare", "thresholds", "margins")]
     for said in (
         f"rig is not the same in {titles[0]}, {titles[1]} and {titles[2]} as in a.mp4: run again",
@@ -150,7 +143,7 @@ def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_
     worst = [film_entry(f"{i}.mp4", inputs={"scenario rig-hardest": f"{i}"}) for i in range(2)]
     write_listing(tmp_path, *worst)
     save_record(replace(study_results.record("thresholds"), inputs=inputs), tmp_path, figures=False)
-    assert "Different versions" not in write_page(tmp_path, tmp_path).read_text(encoding="utf-8")
+    assert "Different versions" not in made(tmp_path)
 
 
 def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_path: Path) -> None:
@@ -167,7 +160,8 @@ def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_pat
 
 
 def test_figures_that_went_away_are_said_to_be_missing(tmp_path: Path) -> None:
-    page = written(tmp_path, make_result(), figures=False)
+    save_record(study_results.record("validate"), tmp_path, figures=False)
+    page = made(tmp_path)
     assert "is missing: its files are not there" in page
     assert not Outline(page).named("img")
 
@@ -265,9 +259,7 @@ def test_text_stands_out_from_its_ground(outline: Outline, place: int) -> None:
 
 
 @pytest.mark.parametrize("link", ["a.mp4", "a.png", "margins-delay.svg", "sub"])
-def test_no_link_puts_a_file_from_outside_into_the_page(
-    command_line, tmp_path: Path, link: str
-) -> None:
+def test_no_link_puts_a_file_from_outside_into_the_page(command_line, tmp_path, link) -> None:
     secret = tmp_path / "secret"
     secret.mkdir()
     for name in ("a.mp4", "secret"):

@@ -1,7 +1,5 @@
 """What the commands share: progress on a terminal and elsewhere, the output that nobody reads."""
 
-from __future__ import annotations
-
 import pytest
 
 from afl_mujoco.cli import terminal
@@ -10,9 +8,7 @@ from afl_mujoco.studies.check import Options
 from afl_mujoco.studies.shared.robustness import COMBINED
 
 
-def test_without_a_terminal_progress_is_a_line_now_and_then(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys) -> None:
     clock = iter((0.0, 10.0, 31.0, 31.0, 40.0, 70.0, 70.0, 120.0))
     monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
     with terminal.count_bar(9, "filming") as progress:

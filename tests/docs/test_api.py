@@ -1,7 +1,5 @@
 """The page of the API defines what it names."""
 
-from __future__ import annotations
-
 import doctest
 import importlib
 import inspect

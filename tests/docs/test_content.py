@@ -1,7 +1,5 @@
 """The pages hold what the code declares and what the results say, and nothing of it is typed."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib
@@ -66,9 +64,7 @@ def test_every_cheap_result_is_compared_by_a_number() -> None:
     assert all(CONTENT.numbers[source.name] for source in SOURCES if source.cheap)
 
 
-def test_a_result_that_cannot_be_made_replaces_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_result_that_cannot_be_made_replaces_nothing(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(make_results, "MADE", tmp_path / "made")
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / "margins.json").write_text("of an earlier run")

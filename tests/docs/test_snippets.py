@@ -1,7 +1,5 @@
 """What the README and the guides show in Python runs as it stands."""
 
-from __future__ import annotations
-
 import re
 import subprocess
 import sys
@@ -57,9 +55,7 @@ def test_the_study_of_the_guide_is_a_command(tmp_path: Path, monkeypatch, comman
     assert (tmp_path / "out" / "falling.json").is_file()
 
 
-def test_the_plant_of_the_guide_has_the_mistake_that_it_says_and_is_mended(
-    tmp_path: Path, command_line
-) -> None:
+def test_the_plant_of_the_guide_has_the_mistake_that_it_says_and_is_mended(tmp_path, command_line):
     page = (ROOT / "docs/howto/own_plant.md").read_text(encoding="utf-8")
     blocks = {kind: page.split(f"```{kind}\n")[1].split("```")[0] for kind in ("xml", "text")}
     plant = snippet("docs/howto/own_plant.md")

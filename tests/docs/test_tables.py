@@ -1,7 +1,5 @@
 """The tables of the pages say what the code declares."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 from afl_mujoco.scenario.imperfections import Imperfections

@@ -1,7 +1,5 @@
 """Plants for tests: a small one whose text is varied, and those of the examples."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from afl_mujoco.plants.plant import Plant, load_plant
@@ -49,6 +47,14 @@ def varied(folder: Path, *changes: tuple[str, str], name: str = "small") -> str:
         text = text.replace(old, new)
     (folder / f"{name}.py").write_text(text)
     return f"{name}.py:plant"
+
+
+def equations(
+    body: str, name: str = "accelerations", arguments: str = "q, v, u, p"
+) -> tuple[str, str]:
+    """Return the change that gives the small plant equations."""
+    plant = "plant = afl.Plant(\n"
+    return plant, f"def {name}({arguments}):\n    {body}\n\n{plant}    {name}={name},\n"
 
 
 def small(folder: Path, *changes: tuple[str, str]) -> Plant:

@@ -1,67 +1,54 @@
-"""The plant against Lagrange's equations of a cart and a uniform rod, derived here from scratch."""
+"""The plant against Lagrange's equations of a cart and a uniform rod, derived from scratch."""
 
 import numpy as np
 import pytest
 import sympy as sp
 
 from afl_mujoco import CartPoleParameters, acceleration, mass_matrix
-from afl_mujoco.plants.cartpole_equations import (
-    linear_momentum,
-    total_energy,
-    velocity_jump,
-)
+from afl_mujoco.plants import cartpole_equations as paper
 
 ROUNDING = 1e-12  # relative: a few hundred roundings in either formula
 
-t, M, m, length, g, F, r = sp.symbols("t M m l g F r", positive=True)
-z, phi = sp.Function("z")(t), sp.Function("phi")(t)
-COORDINATES = (z, phi)
-RATES = (z.diff(t), phi.diff(t))
-FLAT = sp.symbols("q0 q1 v0 v1", real=True)
+t, x, M, m, g, F, L, r = sp.symbols("t x M m g F L r", real=True)
+COORDINATES = z, phi = sp.Function("z")(t), sp.Function("phi")(t)
+LENGTH = sp.Function("l")(t)  # half of it, which may grow
+FLAT, SECOND = sp.symbols("q0 q1 v0 v1", real=True), sp.symbols("a0 a1", real=True)
 
 
 def _flat(expression):
-    return expression.subs(dict(zip(RATES, FLAT[2:], strict=True))).subs(
-        dict(zip(COORDINATES, FLAT[:2], strict=True))
-    )
-
-
-def _lagrangian():
-    """Return kinetic and potential energy, the rod summed element by element from 0 to 2 l."""
-    x, y = z - r * sp.sin(phi), r * sp.cos(phi)  # positive phi leans toward -z
-    line_density = m / (2 * length)
-    rod = sp.integrate(
-        sp.expand(line_density * (x.diff(t) ** 2 + y.diff(t) ** 2) / 2), (r, 0, 2 * length)
-    )
-    weight = sp.integrate(line_density * g * y, (r, 0, 2 * length))
-    return sp.expand(M * z.diff(t) ** 2 / 2 + rod), weight
+    """Put symbols in the place of functions of time."""
+    rates = [q.diff(t) for q in COORDINATES]
+    second = dict(zip([w.diff(t) for w in rates], SECOND, strict=True))
+    expression = expression.subs({LENGTH.diff(t, 2): 0, **second})
+    expression = expression.subs({LENGTH.diff(t): r, **dict(zip(rates, FLAT[2:], strict=True))})
+    return expression.subs({LENGTH: L, **dict(zip(COORDINATES, FLAT[:2], strict=True))})
 
 
 @pytest.fixture(scope="module")
 def derived():
-    """Everything the plant offers, from the two energies alone, as functions of numbers."""
-    kinetic, potential = _lagrangian()
+    """Everything the plant offers, from the two energies alone, as functions of numbers.
+
+    The point at the share x of the rod, 0 < x < 1, sits at distance 2 l(t) x from the pivot.
+    """
+    across, up = z - 2 * LENGTH * x * sp.sin(phi), 2 * LENGTH * x * sp.cos(phi)  # leans toward -z
+    rod = sp.integrate(sp.expand(m * (across.diff(t) ** 2 + up.diff(t) ** 2) / 2), (x, 0, 1))
+    kinetic = sp.expand(M * z.diff(t) ** 2 / 2 + rod)
+    potential = sp.integrate(m * g * up, (x, 0, 1))
     lagrangian = kinetic - potential
-    second = sp.symbols("a0 a1")
     equations = [
-        _flat(
-            lagrangian.diff(rate)
-            .diff(t)
-            .subs({q.diff(t, 2): a for q, a in zip(COORDINATES, second, strict=True)})
-            - lagrangian.diff(q)
-        )
-        - load
-        for q, rate, load in zip(COORDINATES, RATES, (F, 0), strict=True)
+        _flat(lagrangian.diff(q.diff(t)).diff(t) - lagrangian.diff(q)) - load
+        for q, load in zip(COORDINATES, (F, 0), strict=True)
     ]
-    solved = sp.solve(equations, second, dict=True)[0]
+    solved = sp.solve(equations, SECOND, dict=True)[0]
     expressions = {
-        "acceleration": [solved[a] for a in second],
+        "acceleration": [solved[a] for a in SECOND],
         "mass_matrix": sp.hessian(_flat(kinetic), FLAT[2:]).tolist(),
         "energy": _flat(kinetic + potential),
         "momentum": _flat(kinetic.diff(z.diff(t))),
     }
-    arguments = (FLAT, F, (M, m, length, g))
-    return {k: sp.lambdify(arguments, e, "numpy") for k, e in expressions.items()}
+    arguments = (FLAT, F, (M, m, L, g), r)
+    compiled = {k: sp.lambdify(arguments, e, "numpy") for k, e in expressions.items()}
+    return {k: lambda x, u, p, rate=0.0, f=f: f(x, u, p, rate) for k, f in compiled.items()}
 
 
 def _numbers(p):
@@ -89,6 +76,18 @@ def test_accelerations_are_those_of_the_lagrangian(derived, random_plants, rando
             )
 
 
+def test_a_rod_that_grows_is_that_of_the_lagrangian_with_l_of_t(derived, random_plants, rng):
+    for p in random_plants:
+        (_, angle, _, spin), force = (
+            rng.uniform(-1.0, 1.0, 4) * (0, 1.5, 0, 5),
+            rng.uniform(-100, 100),
+        )
+        for rate in (0.0, *rng.uniform(-1.0, 1.0, 2)):
+            expected = derived["acceleration"]((0.0, angle, 0.0, spin), force, _numbers(p), rate)
+            found = paper.stretching_accelerations(angle, spin, force, *_numbers(p), rate)
+            np.testing.assert_allclose(found, expected, rtol=1e-11, atol=1e-11)
+
+
 def test_the_mass_matrix_is_that_of_the_kinetic_energy(derived, random_states, odd_parameters):
     for state in random_states:
         expected = derived["mass_matrix"](state, 0.0, _numbers(odd_parameters))
@@ -96,7 +95,7 @@ def test_the_mass_matrix_is_that_of_the_kinetic_energy(derived, random_states, o
 
 
 @pytest.mark.parametrize(
-    ("function", "name"), [(total_energy, "energy"), (linear_momentum, "momentum")]
+    ("function", "name"), [(paper.total_energy, "energy"), (paper.linear_momentum, "momentum")]
 )
 def test_energy_and_momentum_are_those_of_the_lagrangian(
     derived, random_states, odd_parameters, function, name
@@ -123,10 +122,12 @@ def test_p1_and_p2_hold(random_states, odd_parameters, rng):
 def test_an_impulse_changes_the_momentum_by_itself_and_turns_no_torque(
     random_states, odd_parameters
 ):
-    jump = velocity_jump(random_states, 0.37, odd_parameters)
+    jump = paper.velocity_jump(random_states, 0.37, odd_parameters)
     after = random_states.copy()
     after[:, 2:] += jump
-    gained = linear_momentum(after, odd_parameters) - linear_momentum(random_states, odd_parameters)
+    gained = paper.linear_momentum(after, odd_parameters) - paper.linear_momentum(
+        random_states, odd_parameters
+    )
     np.testing.assert_allclose(gained, 0.37, rtol=ROUNDING)
     angular = np.einsum("nij,nj->ni", mass_matrix(random_states, odd_parameters), jump)[:, 1]
     np.testing.assert_allclose(angular, 0.0, atol=1e-15)
@@ -143,9 +144,9 @@ def test_shapes_follow_the_states(shape, odd_parameters):
     state = np.full((*shape, 4), 0.1)
     assert acceleration(state, 1.0, odd_parameters).shape == (*shape, 2)
     assert mass_matrix(state, odd_parameters).shape == (*shape, 2, 2)
-    assert total_energy(state, odd_parameters).shape == shape
-    assert linear_momentum(state, odd_parameters).shape == shape
-    assert velocity_jump(state, 1.0, odd_parameters).shape == (*shape, 2)
+    assert paper.total_energy(state, odd_parameters).shape == shape
+    assert paper.linear_momentum(state, odd_parameters).shape == shape
+    assert paper.velocity_jump(state, 1.0, odd_parameters).shape == (*shape, 2)
 
 
 def test_one_state_is_broadcast_over_many_forces(odd_parameters):

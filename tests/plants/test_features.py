@@ -1,7 +1,5 @@
 """What equations cannot describe is refused with the attribute to set, or said to be left out."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
@@ -58,9 +56,8 @@ REFUSED = {
 
 @pytest.mark.parametrize("said", REFUSED)
 def test_it_is_refused_in_one_line(said: str, tmp_path: Path) -> None:
-    with pytest.raises(AflMujocoError, match=said) as error:
+    with pytest.raises(AflMujocoError, match=rf"\A.*{said}.*\Z"):
         PlantModel(small(tmp_path, *REFUSED[said]))
-    assert "\n" not in str(error.value)
 
 
 LEFT_OUT = {

@@ -1,7 +1,5 @@
 """The tree reference against SymPy's derivations, MuJoCo, and finite differences."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

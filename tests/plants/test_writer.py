@@ -1,12 +1,13 @@
 """Parameters written in place are those of a model compiled afresh."""
 
-from __future__ import annotations
+import ctypes
 
 import mujoco
 import numpy as np
 import pytest
 
 from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.plants.library import write_row
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import NAMES, SMALL, known, small
@@ -32,8 +33,7 @@ def test_in_place_equals_afresh_number_for_number(name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_rows_from_arrays_are_those_made_one_by_one(name: str) -> None:
-    plant = known(name)
-    model, p = PlantModel(plant), drawn(known(name), 7)
+    model, p = PlantModel(known(name)), drawn(known(name), 7)
     one_by_one = [model.rows(row)[0] for row in p]
     np.testing.assert_allclose(model.rows(p), one_by_one, rtol=1e-12)
 
@@ -85,16 +85,15 @@ def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
-    "old, new, refused",
+    ("change", "refused"),
     [
-        (MOTOR, LIMITED, "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
-        (JOINT, SLIDE, "joint 'arm' must be in the MJCF.* its type is not seen"),
+        ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
+        ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
     ],
 )
-def test_what_is_read_otherwise_than_it_is_compiled_is_refused(old, new, refused, tmp_path) -> None:
-    plant = included(tmp_path, 2, old, new)  # the compiler reads a file of a file
+def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, tmp_path) -> None:
     with pytest.raises(AflMujocoError, match=refused):
-        PlantModel(plant)
+        PlantModel(included(tmp_path, 2, *change))  # the compiler reads a file of a file
 
 
 @pytest.mark.parametrize(
@@ -127,28 +126,16 @@ def test_a_write_that_sums_over_its_arrays_is_not_believed(tmp_path) -> None:
 
 
 def test_the_order_of_what_is_written_is_no_matter(tmp_path) -> None:
-    order = "    return dict(sorted({", '"geom arm pos 2": p.length / 2}'
-    turned = '"geom arm pos 2": p.length / 2}.items(), reverse=bool(p.length > 0.4)))'
-    plant = small(tmp_path, ("    return {", order[0]), (order[1], turned))
-    expected = PlantModel(small(tmp_path)).rows(drawn(plant, 20))
-    model = PlantModel(plant)
-    there = [str(x) for x in PlantModel(small(tmp_path)).targets]
-    columns = [[str(x) for x in model.targets].index(x) for x in there]
-    np.testing.assert_array_equal(model.rows(drawn(plant, 20))[:, columns], expected)
-
-
-def test_constants_that_are_not_refreshed_are_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    plant = known("quadrotor_load.py:plant")
-    model = PlantModel(plant)
-    row = model.rows(drawn(plant, 1))[0]
-    monkeypatch.setattr(mujoco, "mj_setConst", lambda model, data: None)
-    model.write(row)
-    assert {"body_subtreemass", "dof_M0", "body_invweight0"} <= model.differing(row).keys()
+    last = '"geom arm pos 2": p.length / 2}'
+    turned = last + ".items(), reverse=bool(p.length > 0.4)))"
+    plant = small(tmp_path, ("    return {", "    return dict(sorted({"), (last, turned))
+    model, usual = PlantModel(plant), PlantModel(small(tmp_path))
+    columns = [[*map(str, model.targets)].index(str(x)) for x in usual.targets]
+    p = drawn(plant, 20)
+    np.testing.assert_array_equal(model.rows(p)[:, columns], usual.rows(p))
 
 
 def test_addresses_are_those_of_the_numbers_in_the_model() -> None:
-    import ctypes
-
     plant = known("cart-pole")
     model = PlantModel(plant)
     (row,) = model.rows(drawn(plant, 1))
@@ -159,13 +146,9 @@ def test_addresses_are_those_of_the_numbers_in_the_model() -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_compiled_writer_writes_the_same(name: str) -> None:
-    from afl_mujoco.plants.library import write_row
-
     plant = known(name)
-    model, other = PlantModel(plant), PlantModel(plant)
-    rows = model.rows(drawn(plant, 3))
-    for row in rows:
-        model.write(row)
+    other = PlantModel(plant)
+    for row in other.rows(drawn(plant, 3)):
         write_row(other.structures, other.addresses, row)
         assert other.differing(row) == {}
 
@@ -192,10 +175,10 @@ def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path
         ('"geom arm pos 2"', '"geom flag pos 2": p.mass, "geom arm pos 2"'),
     )  # fmt: skip
     plant = small(tmp_path, *changes)
-    if mass != "0":
-        with pytest.raises(AflMujocoError, match="a geom that has its mass"):
-            PlantModel(plant)
-    else:
+    if mass == "0":
+        PlantModel(plant)
+        return
+    with pytest.raises(AflMujocoError, match="a geom that has its mass"):
         PlantModel(plant)
 
 

@@ -1,7 +1,5 @@
 """A toy study beside the real ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

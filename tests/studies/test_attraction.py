@@ -1,7 +1,5 @@
 """The map of a scenario: each point is a run of the scenario from there, judged as any other."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -13,16 +11,9 @@ from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
-from afl_mujoco.studies.attraction import (
-    FAILED,
-    FALLEN,
-    GOOD,
-    MISSED,
-    UNSETTLED,
-    Request,
-    report,
-    run,
-)
+from afl_mujoco.studies import attraction
+from afl_mujoco.studies.attraction import run
+from afl_mujoco.studies.shared.run import run_all
 
 RIG = afl.Scenario(
     name="rig",
@@ -43,25 +34,34 @@ LQR = afl.CONTROLLERS["lqr"]
 
 def mapped(scenario, *controllers, angle=0.8, rate=2.0, count=5, **how):
     axes = (np.linspace(-most, most, count) for most in (angle, rate))
-    return run(Request(scenario, controllers or (LQR,), ("phi", "phi_dot"), *axes), **how)
+    return run(
+        attraction.Request(scenario, controllers or (LQR,), ("phi", "phi_dot"), *axes), **how
+    )
 
 
 @pytest.mark.parametrize("scenario", [RIG, PLAIN], ids=["rig", "plain"])
 def test_every_point_is_a_run_from_there(scenario) -> None:
     result = mapped(scenario, count=4)
-    kinds = result.kinds("lqr")
+    kinds, runs = result.kinds("lqr"), result.runs("lqr")
+    assert [run.draw for run in runs] == list(range(17))
+    assert replace(runs[-1], draw=0) == run_all(LQR, [scenario])[0]
     for (row, column), kind in np.ndenumerate(kinds):
         start = (0.1, result.angles[column], 0.0, result.rates[row])
         started = replace(scenario, initial_state=start)
-        alone = afl.simulate_mujoco(started, LQR)
+        alone, one = afl.simulate_mujoco(started, LQR), runs[4 * row + column]
+        assert (one.outcome, one.time) == (alone.outcome.kind, alone.outcome.time)
         if alone.outcome.kind != "completed":
-            expected = FALLEN
+            expected = attraction.FALLEN
         elif scenario is RIG:
-            expected = GOOD if all(one.met for one in judge(started, alone)) else MISSED
+            expected = (
+                attraction.GOOD
+                if all(one.met for one in judge(started, alone))
+                else attraction.MISSED
+            )
         else:
             last = np.abs(alone.state[alone.time >= 11.0])
             rests = (last[:, 0] <= 0.05).all() and (last[:, 1] <= 0.02).all()
-            expected = GOOD if rests else UNSETTLED
+            expected = attraction.GOOD if rests else attraction.UNSETTLED
         assert kind == expected, (row, column)
     assert len(np.unique(kinds)) > 1
 
@@ -74,8 +74,8 @@ def test_the_rows_do_not_depend_on_the_workers() -> None:
 
 def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> None:
     result = mapped(RIG, angle=1.5, rate=4.0, count=2)
-    assert (result.kinds("lqr") != GOOD).all() and not result.runs("lqr")[-1].failure
-    shown = report(result)
+    assert (result.kinds("lqr") != attraction.GOOD).all() and not result.runs("lqr")[-1].failure
+    shown = attraction.report(result)
     assert "✓ passes" in to_text(shown.blocks)
     assert shown.headline == (
         "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, lqr copes with 0 %."
@@ -92,10 +92,12 @@ def test_a_controller_that_fails_from_some_starts_fails_there_only() -> None:
 
     own = PythonController(name="fragile", function=fragile)
     kinds = mapped(replace(RIG, duration=0.3, disturbances=()), own).kinds("fragile")
-    assert (kinds[:, [0, -1]] == FAILED).all() and (kinds[2, 1:-1] == GOOD).all()
+    assert (kinds[:, [0, -1]] == attraction.FAILED).all() and (
+        kinds[2, 1:-1] == attraction.GOOD
+    ).all()
 
 
 def test_where_nothing_is_asked_for_a_fall_is_a_fall() -> None:
     careless = replace(PLAIN, requirements=Requirements(completes=False), duration=3.0)
     kinds = mapped(careless, angle=1.5, rate=4.0, count=3).kinds("lqr")
-    assert kinds[2, 2] == FALLEN and kinds[1, 1] != FALLEN
+    assert kinds[2, 2] == attraction.FALLEN and kinds[1, 1] != attraction.FALLEN

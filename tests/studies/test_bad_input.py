@@ -1,7 +1,5 @@
 """Bad input of every study, through the real command line: exit code 2, one line, nothing left."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import fields
 from pathlib import Path
@@ -35,7 +33,7 @@ WITH_CONTROLLERS = [name for name in ALL if controllers_option(studies()[name])]
 WITH_SCENARIOS = [*(name for name in ALL if takes_scenarios(studies()[name])), "dice"]
 
 FILES = {
-    "missing file": ("missing.toml", None, "missing.toml"),
+    "missing file": ("missing.toml", None, "missing.toml cannot be read: no such file"),
     "directory for a file": ("folder.toml", None, "folder.toml"),
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
@@ -45,25 +43,9 @@ FILES = {
 }
 
 
-@pytest.fixture
-def refuses(command_line, tmp_path: Path):
-    def check(*arguments: str) -> str:
-        before = sorted(tmp_path.rglob("*"))
-        code, output, errors = command_line(*arguments)
-        assert (code, output) == (2, "")
-        (line,) = errors.splitlines()
-        assert line.startswith("afl-mujoco: ")
-        assert sorted(tmp_path.rglob("*")) == before
-        return line
-
-    return check
-
-
 @pytest.mark.parametrize("case", FILES, ids=str)
 @pytest.mark.parametrize("name", WITH_SCENARIOS)
-def test_a_scenario_file_that_cannot_be_used(
-    toy: str, refuses, tmp_path: Path, name: str, case: str
-) -> None:
+def test_a_scenario_file_that_cannot_be_used(toy, refuses, tmp_path, name, case) -> None:
     file, text, message = FILES[case]
     (tmp_path / "folder.toml").mkdir()
     if text is not None:
@@ -94,18 +76,16 @@ def test_no_workers(toy: str, refuses, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_unknown_option_and_an_option_that_is_no_number(
-    toy: str, command_line, name: str
-) -> None:
-    for arguments in (("--quik",), ("--workers", "many")):
-        code, output, errors = command_line(name, *arguments)
-        assert (code, output, len(errors.splitlines())) == (2, "", 1)
+def test_an_unknown_option_and_an_option_that_is_no_number(toy: str, refuses, name: str) -> None:
+    refuses(name, "--quik")
+    refuses(name, "--workers", "many")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name: str) -> None:
     (tmp_path / "file").write_text("")
-    assert "output folder file cannot be written: " in refuses(name, "--out", "file")
+    said = refuses(name, "--out", "file")
+    assert "output folder file cannot be written: file exists" in said
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -160,7 +140,8 @@ CASES = {
     "validate": [
         (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
         (["--controllers", "fixed", "fixed"], "controller names must differ, got 'fixed' twice"),
-        (["--controllers", "fixed-estimated"], "controller 'fixed-estimated'"),
+        (["--controllers", "fixed-estimated"],
+         "controller 'fixed-estimated' uses the estimator; only mode \"sampled\" "),
         (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
         (
             ["nominal", "--control-period", "40"],
@@ -171,7 +152,13 @@ CASES = {
     "check": [
         (["--samples", "0"], "samples must be at least 1, got 0"),
         (["--seed", "-1"], "seed must be at least 0, got -1"),
-        (["nowhere.py"], "plant must be FILE.py:NAME or MODULE:NAME, got 'nowhere.py'"),
+        (["nowhere.py"], "plant must be FILE.py:NAME or MODULE:NAME, got 'nowhere.py'; did you"),
+        (["absent.py:plant"], "absent.py cannot be read: no such file"),
+        (["json:dumps"], "plant 'json:dumps' must be an afl.Plant"),
+        (["cart-pole", "--box", "fi", "-1", "1"], "box must be one of z, phi, "),
+        (["cart-pole", "--box", "phi", "1"], "--box must be NAME LOW HIGH, again for each name, "),
+        (["cart-pole", "--box"], "--box must have a value, got none"),
+        (["cart-pole", "--box", "phi", "1", "0"], "box phi must be two finite numbers, the lower"),
     ],
     "thresholds": [
         (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
@@ -246,10 +233,7 @@ CASES = {
     [(name, *case) for name, cases in CASES.items() for case in cases],
     ids=lambda x: " ".join(x) if isinstance(x, list) else "",
 )
-def test_an_option_that_breaks_its_rule(
-    refuses, tmp_path: Path, monkeypatch, name: str, arguments: list[str], message: str
-) -> None:
-    monkeypatch.setattr("sys.dont_write_bytecode", True)
+def test_an_option_that_breaks_its_rule(refuses, tmp_path, name, arguments, message) -> None:
     (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
     (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
@@ -263,6 +247,5 @@ def test_an_option_that_breaks_its_rule(
     (tmp_path / "integrating.py").write_text(
         "class Force:\n    def __call__(self, time, state, belief): return 0.0\n"
     )
-    (tmp_path / "pushing.py").write_text("def force(time, state, belief): return 0.0\n")
     where = [] if "--out" in arguments else ["--out", "out"]
     assert message in refuses(name, *arguments, *where)

@@ -1,7 +1,5 @@
 """Bisection against properties whose threshold is known beforehand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """The study that checks a plant: what it says, that each row would notice, and what it refuses."""
 
-from __future__ import annotations
-
 import json
 import math
 from dataclasses import replace
@@ -17,9 +15,7 @@ from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.studies import check as check_study
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
-from tests.plants.plants import NAMES, known, small, varied
-
-EQUATIONS = ("plant = afl.Plant(\n", "{}\n\nplant = afl.Plant(\n    {},\n")
+from tests.plants.plants import NAMES, equations, known, small, varied
 
 
 def rows(result) -> dict[str, bool]:
@@ -52,10 +48,7 @@ def test_the_command_checks_the_cart_pole_and_writes_what_it_says(command_line, 
 
 
 def test_a_plant_that_fails_gives_1_and_names_the_mistake(command_line, tmp_path) -> None:
-    text = "def accelerations(q, v, u, p):\n    return 0.0, 0.0"
-    spec = varied(
-        tmp_path, (EQUATIONS[0], EQUATIONS[1].format(text, "accelerations=accelerations"))
-    )
+    spec = varied(tmp_path, equations("return 0.0, 0.0"))
     code, output, _ = command_line("check", spec, "--samples", "50", "--no-page", "--out", "out")
     assert code == 1
     assert output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
@@ -87,19 +80,15 @@ def test_points_are_drawn_in_the_box_and_in_the_ranges_of_the_mjcf(tmp_path) -> 
         tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.2 .3"'),
         ('joint="arm"/>', 'joint="arm" ctrlrange="-.5 .5"/>'),
     )  # fmt: skip
-    found = [
-        afl.check(plant, 3, seed=x, box={"arm": (0.1, 0.2), "mass": (0.7, 0.7)}).worst
-        for x in range(20)
-    ]
+    box = {"arm": (0.1, 0.2), "mass": (0.7, 0.7)}
+    found = [afl.check(plant, 3, seed=x, box=box).worst for x in range(20)]
     assert all(0.1 <= x.q["arm"] <= 0.2 and x.p["mass"] == 0.7 for x in found)
     assert all(-0.2 <= x.q["tip"] <= 0.3 and abs(x.u["torque"]) <= 0.5 for x in found)
 
 
 def test_a_range_that_may_be_in_degrees_is_in_the_headline_of_a_plant_that_passes(tmp_path) -> None:
     plant = small(tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.02 .03"'))
-    assert (
-        "tip only within -0.02 to 0.03 rad: its range, in degrees?" in afl.check(plant, 3).headline
-    )
+    assert "only within -0.02 to 0.03 rad: its range, in degrees?" in afl.check(plant, 3).headline
     assert "range" not in afl.check(plant, 3, box={"tip": (-1.0, 1.0)}).headline
 
 
@@ -178,9 +167,8 @@ def test_rounding_of_gravity_and_damping_is_no_velocity_term(damping: float) -> 
 
 def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
     usual = PlantModel.tree
-    monkeypatch.setattr(
-        PlantModel, "tree", lambda self, row: usual(self, row) | {"gravity": np.array([0, 0, -9.0])}
-    )
+    wrong = {"gravity": np.array([0, 0, -9.0])}
+    monkeypatch.setattr(PlantModel, "tree", lambda self, row: usual(self, row) | wrong)
     result = afl.check(known(QUAD), 50)
     assert not rows(result)["A1"] and not rows(result)["A3"]
     assert "MuJoCo is not the tree of its MJCF" in result.headline
@@ -198,13 +186,8 @@ def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
 def test_terms_that_no_body_has_break_an_invariant(id: str, terms) -> None:
     plant = known(QUAD)
     usual = plant.terms
-    changed = replace_terms(plant, lambda q, v, p: terms(*map(np.array, usual(q, v, p)), v))
+    changed = replace(plant, terms=lambda q, v, p: terms(*map(np.array, usual(q, v, p)), v))
     assert not rows(afl.check(changed, 50))[id]
-
-
-def replace_terms(plant: afl.Plant, terms) -> afl.Plant:
-    names = ("name", "coordinates", "inputs", "parameters", "write")
-    return afl.Plant(model=plant.model, terms=terms, **{x: getattr(plant, x) for x in names})
 
 
 def test_the_tree_is_not_read_from_the_model_that_was_written() -> None:
@@ -220,11 +203,6 @@ def test_the_tree_is_not_read_from_the_model_that_was_written() -> None:
 
 
 # Bad input: one line, exit code 2
-
-
-def equations(body: str, name: str = "accelerations", arguments: str = "q, v, u, p"):
-    text = f"def {name}({arguments}):\n    {body}"
-    return (EQUATIONS[0], EQUATIONS[1].format(text, f"{name}={name}"))
 
 
 BAD = {
@@ -270,6 +248,10 @@ BAD = {
         equations("q[0] = 1.0\n    return q"),),
     "accelerations must not change its arguments, but does ": (
         equations("p.mass = 1.0\n    return q"),),
+    "accelerations must be real numbers": (equations("return 'abc'"),),
+    "accelerations raised ZeroDivisionError": (equations("return (1 / 0, 0.0)"),),
+    "object has no attribute 'maas'; p has mass, length; did you mean mass": (
+        equations("return (p.maas, 0.0)"),),
     "terms must return (M, h, B), got 1.0": (equations("return 1.0", "terms", "q, v, p"),),
     "terms: M must have shape (2, 2)": (equations("return 1.0, q, q", "terms", "q, v, p"),),
     "small.py cannot be imported: ZeroDivisionError": (("def write", "1 / 0\ndef write"),),
@@ -290,57 +272,27 @@ BAD = {
 
 
 @pytest.mark.parametrize("said", BAD)
-def test_bad_input_is_one_line_with_exit_code_2(said: str, command_line, tmp_path) -> None:
+def test_bad_input_is_one_line_with_exit_code_2(said: str, refuses, tmp_path) -> None:
     spec = varied(tmp_path, *BAD[said])
     spec = spec[:-1] if "small.py:plan'" in said else spec
-    code, output, errors = command_line("check", spec, "--samples", "300", "--out", "out")
-    assert (code, output, errors.count("\n")) == (2, "", 1), errors
-    assert said.rstrip() in errors or spec.endswith("plan")
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (("absent.py:plant",), "absent.py cannot be read: no such file"),
-        (
-            ("absent.py",),
-            "plant must be FILE.py:NAME or MODULE:NAME, got 'absent.py'; did you mean",
-        ),
-        (("json:dumps",), "plant 'json:dumps' must be an afl.Plant"),
-        (("cart-pole", "--samples", "0"), "samples must be at least 1"),
-        (("cart-pole", "--seed", "-1"), "seed must be at least 0"),
-        (("cart-pole", "--box", "fi", "-1", "1"), "box must be one of z, phi, "),
-        (("cart-pole", "--box", "phi", "1"), "--box must be NAME LOW HIGH, again for each name, "),
-        (("cart-pole", "--box"), "--box must have a value, got none"),
-        (("cart-pole", "--box", "phi", "1", "0"), "box phi must be two finite numbers, the lower"),
-    ],
-)
-def test_bad_arguments_are_one_line(arguments, said, command_line) -> None:
-    code, _, errors = command_line("check", *arguments)
-    assert (code, errors.count("\n")) == (2, 1)
-    assert said in errors
+    line = refuses("check", spec, "--samples", "300", "--out", "out")
+    assert said.rstrip() in line or spec.endswith("plan")
 
 
 @pytest.mark.parametrize(
     ("line", "said"),
     [
         ("a = float('nan') if q[0] > 2.8 else 0.0", "accelerations must be finite; box= of afl"),
-        (
-            "a = 0.0\n    if q[0] > 2.8: raise ValueError('far')",
-            "accelerations raised ValueError: far",
-        ),
+        ("a = 0.0\n    if q[0] > 2.8: raise ValueError('far')",
+         "accelerations raised ValueError: far"),
     ],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("more", ["", "\n    {}.get(a)"])  # compiled or not
 def test_what_goes_wrong_at_few_points_is_found_before_a_folder_is_made(
-    line: str, said: str, more: str, command_line, tmp_path
+    line: str, said: str, more: str, refuses, tmp_path
 ) -> None:
     spec = varied(tmp_path, equations(f"{line}{more}\n    return a, a"))
-    code, output, errors = command_line("check", spec, "--out", "out")
-    assert (code, output, errors.count("\n")) == (2, "", 1), errors
-    assert said in errors
-    assert not (tmp_path / "out").exists()
+    assert said in refuses("check", spec, "--out", "out")
 
 
 def test_parameters_that_are_never_drawn_elsewhere_are_said(tmp_path) -> None:
@@ -357,15 +309,8 @@ def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
     assert result.headline == "quadrotor-load: work of the velocity terms is 1/2 v M' v: 1"
 
 
-def test_a_plant_with_another_name_has_the_same_model() -> None:
-    assert afl.check(replace(known(QUAD), name="other"), 10).passed
-
-
 def test_singular_equations_say_how_to_leave_the_singularity_out(tmp_path: Path) -> None:
-    text = "def accelerations(q, v, u, p):\n    return (q[0] - 0.15) ** 0.5 * 0.0, 0.0"
-    plant = small(
-        tmp_path, (EQUATIONS[0], EQUATIONS[1].format(text, "accelerations=accelerations"))
-    )
+    plant = small(tmp_path, equations("return (q[0] - 0.15) ** 0.5 * 0.0, 0.0"))
     with pytest.raises(afl.AflMujocoError, match="accelerations must be"):
         afl.check(plant, 300)
     afl.check(plant, 300, box={"arm": (0.2, 1.0)})

@@ -1,7 +1,5 @@
 """Controllers compared: whose run is which, what they need, and who meets the requirements."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -38,10 +36,7 @@ settling_time = 5.5
 """
 OWN = """
 class Counting:
-    made = 0
-
     def __init__(self):
-        Counting.made += 1
         self.calls = 0
 
     def __call__(self, time, state, belief):
@@ -56,6 +51,11 @@ def zero(time, state, belief):
 def late(time, state, belief):
     return 0.0 if time < 0.5 else 1 / 0
 """
+GAINS = np.array([40.0, -600.0, 80.0, -250.0])
+
+
+def idle(time, state, belief):
+    return 0.0
 
 
 @pytest.fixture
@@ -120,19 +120,16 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     met = (3, 3, 0, 0)
     said = " · ".join(f"{name} {count} of 3" for name, count in zip(names, met, strict=True))
     assert output.splitlines()[-1] == f"2 OF 4 PASS: {said}"
-    written = {path.name for path in (rig / "out").iterdir()}
     made = {"compare.json", "compare.npz", "compare.md", "compare-1.replay.json", "report.html"}
-    assert made <= written
+    assert made <= {path.name for path in (rig / "out").iterdir()}
     assert (rig / "out" / "report.html").stat().st_size < 2_000_000
     record = load_record(find_study("compare"), rig / "out")
     assert [*record.inputs] == ["scenario rig", *(f"controller {name}" for name in names)]
     rows = {run.controller: run for run in record.result.rows}
     assert record.result.remarks["rig/compared.zero"] == ("force is 0 throughout",)
-    assert (
-        rows["compared.late"].message == "raised ZeroDivisionError at t = 0.5 s: division by zero"
-    )
-    assert rows["compared.late"].message in output
-    assert rows["compared.late"].failure == "controller failed"
+    late = rows["compared.late"]
+    assert late.message == "raised ZeroDivisionError at t = 0.5 s: division by zero"
+    assert late.message in output and late.failure == "controller failed"
     assert "rig/compared.late" not in record.result.curves
     data = json.loads((rig / "out" / "compare.json").read_text())
     assert data["scenarios"][0]["requirements"]["max"]["z"] == 1.0
@@ -149,7 +146,7 @@ def test_the_same_object_with_memory_makes_the_same_run_twice(rig: Path) -> None
 
         def __call__(self, time, state, belief):
             self.sum += state[0]
-            return 40 * state[0] - 600 * state[1] + 80 * state[2] - 250 * state[3] + 0.01 * self.sum
+            return GAINS @ state + 0.01 * self.sum
 
     own = as_controller(Integrating())
     one, two = (compare(rig / "rig.toml", [own]).curves["rig/Integrating"] for _ in range(2))
@@ -172,12 +169,10 @@ def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
     hardware, draws, count
 ) -> None:
     scenario = afl.Scenario(
-        name="drawn",
-        duration=0.5,
-        initial_state=(0.0, 0.1, 0.0, 0.0),
+        name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0),
         requirements=Requirements(max={"phi": 0.12}),
         imperfections=IDEAL.changed({**hardware, "seed": 7}),
-    )
+    )  # fmt: skip
     found = compare(scenario, "lqr", draws=draws)
     assert [row["draw"] for row in found.table] == list(range(count))
     peaks = {row["peak_phi"] for row in found.table}
@@ -192,10 +187,7 @@ def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
 def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
     class Own:
         def __call__(self, time, state, belief):
-            return 40 * state[0] - 600 * state[1] + 80 * state[2] - 250 * state[3]
-
-    def idle(time, state, belief):
-        return 0.0
+            return GAINS @ state
 
     found = afl.compare(rig / "rig.toml", ["lqr", Own, idle], draws=1)
     assert repr(found) == "<lqr 3 of 3 · Own 3 of 3 · idle 0 of 3>"
@@ -207,9 +199,7 @@ def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(
-    rig: Path, command_line, graphics: None
-) -> None:
+def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(rig, command_line, graphics):
     (rig / "rig.toml").write_text(RIG.replace("duration = 6.0", "duration = 0.4").split("[req")[0])
     controllers = ("lqr", "adaptive", "compared:Counting")
     code, _, errors = command_line(
@@ -229,10 +219,6 @@ def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(
 def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:
     start = (0.0, 1.4, 0.0, 0.0)
     falling = afl.Scenario(name="falling", initial_state=start, duration=2.0)
-
-    def idle(time, state, belief):
-        return 0.0
-
     end = afl.simulate_mujoco(falling, idle).outcome
     assert end.kind == "fell"
     found = afl.compare(replace(falling, duration=end.time), idle)
@@ -253,10 +239,7 @@ def test_a_controller_that_fails_meets_nothing_even_where_nothing_is_asked() -> 
 
 def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
     believed = {"cart_mass": {"error": 0.5}}
-    heavy = afl.Scenario(
-        name="heavy", schedule={"cart_mass": afl.constant(70.0)}, duration=1.0, belief=believed
-    )
-    found = afl.compare(heavy, ["lqr", "adaptive"])
-    rows = {run.controller: run for run in found.rows}
-    assert not rows["lqr"].message
-    assert rows["adaptive"].message.startswith("switching of the gain function at M = 105 kg")
+    heavy = afl.Scenario(name="heavy", schedule={"cart_mass": 70.0}, duration=1.0, belief=believed)
+    lqr, adaptive = afl.compare(heavy, ["lqr", "adaptive"]).rows
+    assert not lqr.message
+    assert adaptive.message.startswith("switching of the gain function at M = 105 kg")

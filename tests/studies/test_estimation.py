@@ -1,7 +1,5 @@
 """How well M and l are estimated: the figures of merit by hand, and the study's own run."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -11,36 +9,32 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.report.blocks import figures_of
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.studies.estimation import (
-    ESTIMATED,
-    NOMINAL,
-    TRUE,
-    UNTIL,
-    Request,
-    Result,
-    report,
-    run,
-)
+from afl_mujoco.studies import estimation
+from afl_mujoco.studies.estimation import run
 
 
 @pytest.fixture(scope="module")
-def result() -> Result:
-    return run(Request([afl.SCENARIOS["step-step"]], afl.CONTROLLERS["adaptive"], seeds=3))
+def result() -> estimation.Result:
+    return run(
+        estimation.Request([afl.SCENARIOS["step-step"]], afl.CONTROLLERS["adaptive"], seeds=3)
+    )
 
 
 def test_the_estimated_loop_is_as_good_as_the_one_with_the_true_parameters(result):
     (case,) = result.cases
     loops = {(loop.parameters, loop.noise): loop for loop in case.loops}
     assert {loop.completed for loop in loops.values()} == {1, 3}
-    true, estimated = loops[TRUE, False], loops[ESTIMATED, True]
+    true, estimated = loops[estimation.TRUE, False], loops[estimation.ESTIMATED, True]
     assert estimated.runs == 3
     for name in ("iae_z", "iae_phi"):  # what it is worth: the nominal parameters cost far more
         assert true.metrics[name] != estimated.metrics[name] < 1.15 * true.metrics[name]
-        assert estimated.metrics[name] < loops[NOMINAL, False].metrics[name]
+        assert estimated.metrics[name] < loops[estimation.NOMINAL, False].metrics[name]
 
 
 def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_largest(result):
-    (loop,) = (x for x in result.cases[0].loops if (x.parameters, x.noise) == (TRUE, True))
+    (loop,) = (
+        x for x in result.cases[0].loops if (x.parameters, x.noise) == (estimation.TRUE, True)
+    )
     noises = [Imperfections(noise={"z": 1e-4, "phi": 5e-4}, seed=seed) for seed in range(3)]
     noisy = [replace(afl.SCENARIOS["step-step"], imperfections=noise) for noise in noises]
     runs = [afl.simulate_mujoco(one, afl.CONTROLLERS["adaptive"], "sampled") for one in noisy]
@@ -52,11 +46,11 @@ def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_
 
 def test_the_curves_are_of_the_runs(result):
     curves = result.cases[0].curves
-    assert curves["cart mass M [kg]"]["true"][0][-1] == pytest.approx(UNTIL)
+    assert curves["cart mass M [kg]"]["true"][0][-1] == pytest.approx(estimation.UNTIL)
     oracle = afl.simulate_mujoco("step-step", "adaptive", "sampled")
     angle = curves["pole angle φ [rad]"]["true"][1]
     np.testing.assert_array_equal(angle[::5], oracle.state[:12001:20, 1])
-    shown = report(result)
+    shown = estimation.report(result)
     assert "completes 3 of 3 noisy runs" in shown.headline
     (figure,) = figures_of(shown.blocks)
     axes = figure.draw().axes

@@ -1,7 +1,5 @@
 """The studies on the plants of `examples/`, as their files say."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The command on a few of the shipped recordings, and what it shows."""
 
-from __future__ import annotations
-
 import json
 import math
 import shutil
@@ -66,22 +64,20 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path: Path, command_line) -> 
     assert {one["id"]: one["limit"] for one in judged} == {**asked, "gravity": 0.25}
 
 
-def test_a_limit_of_no_statement_is_refused(tmp_path: Path, command_line) -> None:
+def test_a_limit_of_no_statement_is_refused(tmp_path: Path, refuses) -> None:
     data = json.loads((FIT.parent / "estimates.json").read_text())
     data["description"]["limits"] = {"gravty": 0.25}
     (tmp_path / "own.json").write_text(json.dumps(data))
-    code, output, errors = command_line("hardware", "--estimates", "own.json", "--logs", "logs")
-    assert (code, output) == (2, "")
-    assert "limits must be one of gravity, coupling, pole-0.2, rig-0.5-phi" in errors
-    assert errors.endswith("got 'gravty'; did you mean gravity?\n")
+    said = refuses("hardware", "--estimates", "own.json", "--logs", "logs")
+    assert "limits must be one of gravity, coupling, pole-0.2, rig-0.5-phi" in said
+    assert said.endswith("got 'gravty'; did you mean gravity?")
 
 
 def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
     result = hardware()
     shown = report(result)
-    assert (shown.passed, shown.headline) == (
-        False, "1 of 2 statements hold on 2 recordings · not: rig-0.5-z",
-    )  # fmt: skip
+    assert not shown.passed
+    assert shown.headline == "1 of 2 statements hold on 2 recordings · not: rig-0.5-z"
     text = to_markdown(shown.blocks)
     assert "the drive" in text and "✗ fails" in text
     assert "No proof, if they are the same recordings: two have names" in text
@@ -93,10 +89,8 @@ def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:
     missed, held = result.statements
     unknown = replace(missed, value=None, suspected="these recordings cannot tell")
     found = report(replace(result, statements=(unknown, held)))
-    assert found.passed
-    assert found.headline.startswith(
-        f"1 of 2 statements hold on 2 recordings · not decided: {unknown.id}"
-    )
+    said = f"1 of 2 statements hold on 2 recordings · not decided: {unknown.id}"
+    assert found.passed and found.headline.startswith(said)
     both = report(replace(result, statements=(unknown, missed)))
     assert not both.passed and f"not: {missed.id} · not decided" in both.headline
     nothing = report(replace(result, statements=(unknown,)))
@@ -104,15 +98,12 @@ def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:
     assert "these recordings cannot tell" in to_markdown(nothing.blocks)
 
 
-def test_estimates_that_were_changed_by_hand_are_refused(tmp_path: Path, command_line) -> None:
+def test_estimates_that_were_changed_by_hand_are_refused(tmp_path: Path, refuses) -> None:
     data = json.loads((FIT.parent / "estimates.json").read_text())
     data["drive"]["estimates"] = data["drive"]["estimates"][1:]
     (tmp_path / "cut.json").write_text(json.dumps(data))
-    code, output, errors = command_line("hardware", "--estimates", "cut.json", "--logs", ".")
-    assert (code, output) == (2, "") and errors.count("\n") == 1
-    assert (
-        "cut.json has no estimates of afl-mujoco identify: correlations and scatter must" in errors
-    )
+    said = refuses("hardware", "--estimates", "cut.json", "--logs", ".")
+    assert "cut.json has no estimates of afl-mujoco identify: correlations and scatter must" in said
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """The command on one made-up log, and what it shows."""
 
-from __future__ import annotations
-
+import itertools
 import json
 import re
 from dataclasses import replace
@@ -17,6 +16,7 @@ from afl_mujoco.scenario.files import load_scenario
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
+IDENTIFY = ("identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1")
 
 
 def table(c: dict) -> np.ndarray:
@@ -33,9 +33,7 @@ def rig(tmp_path: Path) -> Path:
 
 
 def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command_line) -> None:
-    code, output, _ = command_line(
-        "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
-    )
+    code, output, _ = command_line(*IDENTIFY)
     assert code == 0
     assert output.splitlines()[-1].startswith("made up: w2 = ")
     assert "too narrow: too few logs" in " ".join(output.split())
@@ -52,13 +50,9 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
     rows = path.read_text().splitlines()
     rng = np.random.default_rng(3)
     for share, code_due in ((0.05, 0), (0.2, 2)):
-        lost = rng.random(len(rows)) < share
-        path.write_text("\n".join([rows[0], *(r for r, x in zip(rows[1:], lost[1:], strict=True)
-                                              if not x)]))  # fmt: skip
-        code, output, errors = command_line(
-            "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1",
-            "--no-page",
-        )  # fmt: skip
+        kept = rng.random(len(rows)) >= share
+        path.write_text("\n".join([rows[0], *itertools.compress(rows[1:], kept[1:])]))
+        code, output, errors = command_line(*IDENTIFY, "--no-page")
         assert code == code_due, output + errors
         if code == 0:
             said = re.search(r"From 1 logs, ([\d.]+) % of their", output)
@@ -71,9 +65,7 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
 def identify_logs(folder: Path, command_line, columns: dict) -> str:
     for name, c in columns.items():
         write_log(folder / "logs" / f"{name}.csv", table(c))
-    code, output, errors = command_line(
-        "identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1"
-    )
+    code, output, errors = command_line(*IDENTIFY)
     assert code == 2, output
     return errors
 
@@ -81,18 +73,15 @@ def identify_logs(folder: Path, command_line, columns: dict) -> str:
 def test_logs_of_two_poles_are_told_apart(rig: Path, command_line) -> None:
     other = replace(TRUTH, half_length=0.24)
     errors = identify_logs(rig, command_line, {"other": swing(other, 7, 1.6)})
-    assert re.search(
-        r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one",
-        errors,
-    )
+    said = r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one"
+    assert re.search(said, errors)
 
 
 def test_a_command_that_comes_after_its_force_is_named(rig: Path, command_line) -> None:
     columns = {}
     for name in ("one", "two"):
-        columns[name] = swing(TRUTH, len(name) + ord(name[0]), 2.0)
-        late = np.concatenate([[0.0], columns[name]["command"][:-1]])
-        columns[name]["command"] = late
+        log = swing(TRUTH, len(name) + ord(name[0]), 2.0)
+        columns[name] = log | {"command": np.concatenate([[0.0], log["command"][:-1]])}
     errors = identify_logs(rig, command_line, columns)
     said = re.search(
         r"command must be in the row from which on it acts, got a force that acts ([\d.]+)", errors

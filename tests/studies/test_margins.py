@@ -1,7 +1,5 @@
 """Margins over a grid of plants against those of one plant, and small motions in MuJoCo."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import partial
@@ -20,27 +18,6 @@ from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies import margins
-from afl_mujoco.studies.margins import (
-    CONTINUOUS,
-    HELD,
-    MEASURED,
-    METRICS,
-    REACH,
-    Change,
-    Options,
-    Point,
-    Request,
-    Result,
-    Row,
-    agree,
-    difference,
-    measure,
-    motion_decays,
-    prepare,
-    report,
-    run,
-    value_of,
-)
 from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
 from tests import study_results
 
@@ -55,41 +32,43 @@ def plant(cart_mass: float, half_length: float) -> afl.Scenario:
 
 
 @pytest.fixture(scope="module")
-def survey() -> Result:
-    return run(Request(AT_REST, [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")], GRID))
+def survey() -> margins.Result:
+    return margins.run(
+        margins.Request(AT_REST, [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")], GRID)
+    )
 
 
 def test_a_survey_holds_the_margins_of_each_plant_and_where_the_worst_stands(survey) -> None:
     loop = linearize(CONTROLLERS["fixed"], AT_REST)
-    for kind, period in ((CONTINUOUS, None), (HELD, 1e-3)):
+    for kind, period in ((margins.CONTINUOUS, None), (margins.HELD, 1e-3)):
         (expected,) = loop_margins(loop, period)
         rows = survey.of("fixed", kind)
         assert len(rows) == 4
-        for metric in METRICS:
-            assert value_of(rows[-1], metric) == getattr(expected, metric)
-    worst = survey.worst("fixed-nominal", CONTINUOUS, "delay")
+        for metric in margins.METRICS:
+            assert margins.value_of(rows[-1], metric) == getattr(expected, metric)
+    worst = survey.worst("fixed-nominal", margins.CONTINUOUS, "delay")
     assert worst.parameters == {"cart_mass": 0.1, "half_length": 0.05}
-    assert worst.delay == min(row.delay for row in survey.of("fixed-nominal", CONTINUOUS))
+    assert worst.delay == min(row.delay for row in survey.of("fixed-nominal", margins.CONTINUOUS))
     for metric in ("gain_decrease", "crossover"):
-        values = [getattr(row, metric) for row in survey.of("fixed", CONTINUOUS)]
-        worst = survey.worst("fixed", CONTINUOUS, metric)
+        values = [getattr(row, metric) for row in survey.of("fixed", margins.CONTINUOUS)]
+        worst = survey.worst("fixed", margins.CONTINUOUS, metric)
         assert getattr(worst, metric) == max(values) > min(values)
 
 
-def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: Result) -> None:
+def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: margins.Result) -> None:
     # a controller that assumes 1 kg and 0.5 m commands ten times too much force
-    held, free = (survey.of("fixed-nominal", kind) for kind in (HELD, CONTINUOUS))
+    held, free = (survey.of("fixed-nominal", kind) for kind in (margins.HELD, margins.CONTINUOUS))
     assert [row.stable for row in held] == [False, True, True, True]
     assert held[0].delay is None and free[0].delay is not None
-    worst = survey.worst("fixed-nominal", HELD, "delay")
+    worst = survey.worst("fixed-nominal", margins.HELD, "delay")
     assert worst.parameters != {"cart_mass": 0.1, "half_length": 0.05}
-    assert "fixed-nominal unstable on 1 of 4 plants" in report(survey).headline
+    assert "fixed-nominal unstable on 1 of 4 plants" in margins.report(survey).headline
 
 
 @pytest.mark.slow
-def test_two_workers_find_the_same_margins(survey: Result) -> None:
+def test_two_workers_find_the_same_margins(survey: margins.Result) -> None:
     controllers = [CONTROLLERS[name] for name in survey.controllers]
-    assert run(Request(AT_REST, controllers, GRID), workers=2) == survey
+    assert margins.run(margins.Request(AT_REST, controllers, GRID), workers=2) == survey
 
 
 def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:
@@ -117,35 +96,39 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
         ranges=Ranges(varied={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)}),
     )
     afl.save_scenario(own, tmp_path / "own.toml")
-    asked = Options(scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False)
-    request = prepare(asked)
+    asked = margins.Options(
+        scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False
+    )
+    request = margins.prepare(asked)
     assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
     assert [*request.axes] == ["cart_mass", "pole_mass"] and request.period == 0.01
     here = request.point(LQR, (8.0, 0.1)).linear.scenario
-    assert here.nominal == {
-        "cart_mass": 8.0, "pole_mass": 0.1, "half_length": 1.5, "gravity": 9.81
-    }  # fmt: skip
+    assert tuple(here.nominal.values()) == (8.0, 0.1, 1.5, 9.81)
     assert here.imperfections == Imperfections(control_period=0.01, delay=0.004)
-    assert prepare(replace(asked, control_period=0.002)).period == 0.002
-    assert len(prepare(replace(asked, levels=3)).plants) == 9
+    assert margins.prepare(replace(asked, control_period=0.002)).period == 0.002
+    assert len(margins.prepare(replace(asked, levels=3)).plants) == 9
     with pytest.raises(InvalidValueError, match=r"at most 10000 plants of cart_mass, pole_mass"):
-        prepare(replace(asked, levels=101))
-    found = run(request._replace(axes={"cart_mass": (8.0,)}))
+        margins.prepare(replace(asked, levels=101))
+    found = margins.run(request._replace(axes={"cart_mass": (8.0,)}))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
-    said = report(found).blocks[0]
+    said = margins.report(found).blocks[0]
     assert "count: delay = 0.004; that a linear loop cannot have: noise.phi" in said
 
 
 def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
     plain, late = (
-        run(Request(replace(AT_REST, imperfections=Imperfections(delay=delay)), [LQR], {}, 0.01))
+        margins.run(
+            margins.Request(
+                replace(AT_REST, imperfections=Imperfections(delay=delay)), [LQR], {}, 0.01
+            )
+        )
         for delay in (0.0, 0.01)
     )
-    one, other = (found.of("lqr", HELD)[0].delay for found in (plain, late))
+    one, other = (found.of("lqr", margins.HELD)[0].delay for found in (plain, late))
     assert other == pytest.approx(one - 0.01, rel=1e-9)
     assert late.imperfections == "delay = 0.01"
-    continuous = [found.of("lqr", CONTINUOUS) for found in (plain, late)]
+    continuous = [found.of("lqr", margins.CONTINUOUS) for found in (plain, late)]
     assert continuous[0] == continuous[1]
 
 
@@ -154,82 +137,78 @@ def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> 
 
 def measured(
     controller: Controller, scenario: afl.Scenario, period: float = 1e-3
-) -> tuple[Row, Row]:
+) -> tuple[margins.Row, margins.Row]:
     """Return what is linear and what is measured of a cart-pole."""
-    found = run(Request(scenario, [controller], {}, period, measured=[()]))
-    return found.of(controller.name, HELD)[0], found.of(controller.name, MEASURED)[0]
+    found = margins.run(margins.Request(scenario, [controller], {}, period, measured=[()]))
+    return found.of(controller.name, margins.HELD)[0], found.of(controller.name, margins.MEASURED)[
+        0
+    ]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
 def test_margin_and_measurement_agree(name: str) -> None:
     linear, found = measured(CONTROLLERS[name], plant(0.5, 0.2))
-    assert agree(linear, found)
-    assert abs(difference(linear, found)) < 2e-3  # far within REACH
+    assert margins.agree(linear, found)
+    assert abs(margins.difference(linear, found)) < 2e-3  # far within REACH
 
 
 @pytest.mark.slow
 def test_a_wrong_margin_is_found_out() -> None:
     linear, found = measured(LQR, plant(1.0, 0.5))
-    wrong = replace(linear, delay=linear.delay * (1.0 + 2.0 * REACH))
-    assert not agree(wrong, found)
-    assert difference(wrong, found) == pytest.approx(1.0 / (1.0 + 2.0 * REACH) - 1.0, abs=2e-3)
+    wrong = replace(linear, delay=linear.delay * (1.0 + 2.0 * margins.REACH))
+    assert not margins.agree(wrong, found)
+    assert margins.difference(wrong, found) == pytest.approx(
+        1.0 / (1.0 + 2.0 * margins.REACH) - 1.0, abs=2e-3
+    )
 
 
 @pytest.mark.slow
 def test_a_limit_cycle_is_no_decay() -> None:
-    light = Point(ADAPTIVE, plant(2.0, 0.05))
+    light = margins.Point(ADAPTIVE, plant(2.0, 0.05))
     margin = loop_margins(linearize(*light[:2]), 1e-3)[0].delay
-    assert motion_decays(light, Change(delay=0.98 * margin))
+    assert margins.motion_decays(light, margins.Change(delay=0.98 * margin))
     for factor in (1.02, 1.3, 1.6, 1.9):  # it falls no more than it decays
-        assert not motion_decays(light, Change(delay=factor * margin))
+        assert not margins.motion_decays(light, margins.Change(delay=factor * margin))
 
 
 class Remembering:
     def __init__(self, bias: float = 0.0) -> None:
-        self.calls, self.bias = 0, bias
-        self.gains = linearize(LQR, AT_REST).k[0].tolist()
+        self.calls, self.bias, self.gains = 0, bias, linearize(LQR, AT_REST).k[0]
 
     def __call__(self, time, state, belief) -> float:
         self.calls += 1
-        force = sum(k * x for k, x in zip(self.gains, state.tolist(), strict=True))
-        return self.bias * (self.calls > 100) - force
-
-
-def biased(time, state, belief) -> float:
-    return 1.0 + float(state[1])
-
-
-def kinked(time, state, belief) -> float:
-    return 50.0 * max(float(state[1]), 0.0)
+        return self.bias * (self.calls > 100) - float(self.gains @ state)
 
 
 def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -> None:
     mine = PythonController(name="mine", function=Remembering)
     period = 0.01
     (expected,) = loop_margins(linearize(LQR, AT_REST), period)
-    (found,) = measure((Point(mine, AT_REST, period), (), False))
+    (found,) = margins.measure((margins.Point(mine, AT_REST, period), (), False))
     assert found.stable
     for name in ("gain_decrease", "gain_increase", "delay"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=0.02), name
 
 
 def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
-    own = [
-        PythonController(name=name, function=function)
-        for name, function in (("memory", Remembering), ("biased", biased), ("kinked", kinked))
-    ]
-    alone = run(Request(AT_REST, [LQR], GRID))
-    found = run(Request(AT_REST, [own[0], own[1], LQR, own[2]], GRID).require())
+    functions = {
+        "memory": Remembering,
+        "biased": lambda time, state, belief: 1.0 + state[1],
+        "kinked": lambda time, state, belief: 50.0 * max(state[1], 0.0),
+    }
+    own = [PythonController(name=name, function=one) for name, one in functions.items()]
+    alone = margins.run(margins.Request(AT_REST, [LQR], GRID))
+    found = margins.run(margins.Request(AT_REST, [own[0], own[1], LQR, own[2]], GRID).require())
     assert found.rows == alone.rows
     assert found.not_linear["memory"] == "has a memory, which a linearisation leaves out"
     rule = "must hold the plant at its target, got z accelerates by"
     assert rule in found.not_linear["biased"]
     assert "must be smooth" in found.not_linear["kinked"]
     with pytest.raises(InvalidValueError, match=rule):
-        Request(AT_REST, own[1:2], GRID).require()
+        margins.Request(AT_REST, own[1:2], GRID).require()
     late = PythonController(name="late", function=partial(Remembering, 1.0))
-    refused = measure((Point(replace(late, stateful=True), AT_REST), (), False))
+    refused = margins.measure((margins.Point(replace(late, stateful=True), AT_REST), (), False))
     assert "must hold the plant at its target, got z accelerates by 0.98" in str(refused)
 
 
@@ -254,13 +233,13 @@ def test_a_plant_of_several_inputs_is_measured_where_its_linear_margins_are(monk
     """Its gains are factors on what departs from the input that holds it."""
     scenario = afl.load_scenario(QUADROTOR)
     mine = PythonController(name="mine", function=Hovering, plant=scenario.plant)
-    request = Request(scenario, [LQR, mine], {"load": (0.02,)}, 0.01, 0.005)
+    request = margins.Request(scenario, [LQR, mine], {"load": (0.02,)}, 0.01, 0.005)
     linear = request.point(LQR, (0.02,)).linear
     expected = loop_margins(linearize(*linear[:2]), 0.01, linear.scenario.imperfections)
     near = np.array([0.7, 1.4])  # each level is a run of 20 s
     monkeypatch.setattr(margins, "GAINS", [*near * expected[0].gain_increase])
     monkeypatch.setattr(margins, "DELAYS", [*near * expected[0].delay])
-    found = measure((request.point(mine, (0.02,)), ("load",), False))
+    found = margins.measure((request.point(mine, (0.02,)), ("load",), False))
     assert [row.input for row in found] == ["left", "right"]
     for row, due in zip(found, expected, strict=True):
         assert row.stable and row.parameters == {"load": 0.02}
@@ -273,10 +252,10 @@ def test_a_plant_that_is_not_held_at_its_target_is_refused() -> None:
     heavy = replace(scenario, belief={"load": {"error": 1.0}})
     rule = "hold the plant at its target, got z accelerates by"
     with pytest.raises(InvalidValueError, match=rule):
-        Request(heavy, [LQR], {}).require()
+        margins.Request(heavy, [LQR], {}).require()
     weak = replace(scenario, imperfections=Imperfections(input_limit=2.0))
     with pytest.raises(InvalidValueError, match=r"within -2 to 2, got left = 5.0"):
-        Request(weak, [LQR], {}).require()
+        margins.Request(weak, [LQR], {}).require()
 
 
 # What is shown
@@ -284,8 +263,8 @@ def test_a_plant_that_is_not_held_at_its_target_is_refused() -> None:
 MADE_UP = study_results.margins()
 
 
-def matrices(result: Result) -> list[list[list[str]]]:
-    found = [block for block in report(result).blocks if isinstance(block, Matrix)]
+def matrices(result: margins.Result) -> list[list[list[str]]]:
+    found = [block for block in margins.report(result).blocks if isinstance(block, Matrix)]
     return [[[cell.marked for cell in row] for row in matrix.cells] for matrix in found]
 
 
@@ -300,10 +279,15 @@ def test_the_table_has_the_worst_of_the_stable_plants_and_what_was_measured() ->
 
 
 def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() -> None:
-    def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> Row:
+    def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> margins.Row:
         place = {"cart_mass": mass, "half_length": 0.05}
-        return Row(
-            controller=name, loop=MEASURED, input="force", parameters=place, stable=stable, **found
+        return margins.Row(
+            controller=name,
+            loop=margins.MEASURED,
+            input="force",
+            parameters=place,
+            stable=stable,
+            **found,
         )
 
     result = replace(

@@ -1,7 +1,5 @@
 """Monte Carlo: rates, every failure replayed from its file, controllers that break down."""
 
-from __future__ import annotations
-
 import json
 import math
 import shlex
@@ -23,18 +21,9 @@ from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
-from afl_mujoco.studies.montecarlo import (
-    FOLDER,
-    Request,
-    Result,
-    p_value,
-    rate,
-    report,
-    require_files,
-    run,
-    write_files,
-)
+from afl_mujoco.studies.montecarlo import run
 from afl_mujoco.studies.shared.run import run_all
+from tests.plants.plants import varied
 from tests.program import interrupt
 from tests.program import run as program
 
@@ -51,13 +40,13 @@ HEAVY = afl.Scenario(
 SPACE = SampleSpace(HEAVY)
 
 
-def asked(*controllers, samples=20, space=SPACE, **more) -> Request:
+def asked(*controllers, samples=20, space=SPACE, **more) -> montecarlo.Request:
     used = controllers or (LQR,)
-    return Request(space, used, [one.name for one in used], samples=samples, **more)
+    return montecarlo.Request(space, used, [one.name for one in used], samples=samples, **more)
 
 
 @pytest.fixture(scope="module")
-def heavy() -> Result:
+def heavy() -> montecarlo.Result:
     return run(asked(LQR, ADAPTIVE))
 
 
@@ -65,7 +54,7 @@ def written(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
-def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy: Result) -> None:
+def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy) -> None:
     runs = heavy.runs["lqr"]
     for i, one in enumerate(runs):
         alone = afl.simulate_mujoco(sample_scenario(SPACE, i, 1), LQR)
@@ -80,23 +69,20 @@ def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy: Res
     assert share == passed / 20
     assert low == pytest.approx(beta.ppf(0.025, passed, 21 - passed))
     assert high == pytest.approx(beta.ppf(0.975, passed + 1, 20 - passed))
-    text = to_text(report(heavy).blocks)
-    assert (
-        "misses “|z| at most”" in text
-        and f"lqr passes {100 * share:.3g} %" in report(heavy).headline
-    )
-    assert rate([run.settled for run in runs]) == heavy.rates["lqr"]["settles"]
+    assert "misses “|z| at most”" in to_text(montecarlo.report(heavy).blocks)
+    assert f"lqr passes {100 * share:.3g} %" in montecarlo.report(heavy).headline
+    assert montecarlo.rate([run.settled for run in runs]) == heavy.rates["lqr"]["settles"]
 
 
 def test_the_paired_test_is_of_the_samples_on_which_two_controllers_differ() -> None:
     both, only, other = [(True, True)] * 30, [(True, False)] * 7, [(False, True)]
     first, second = zip(*both, *only, *other, strict=True)
-    assert p_value(first, second) == pytest.approx(2.0 * binom.cdf(1, 8, 0.5))
-    assert p_value(first, first) == 1.0
+    assert montecarlo.p_value(first, second) == pytest.approx(2.0 * binom.cdf(1, 8, 0.5))
+    assert montecarlo.p_value(first, first) == 1.0
 
 
-def test_every_failure_replays_from_its_file_to_the_same_bits(heavy: Result, tmp_path) -> None:
-    assert write_files(heavy, tmp_path) == [tmp_path / FOLDER]
+def test_every_failure_replays_from_its_file_to_the_same_bits(heavy, tmp_path) -> None:
+    assert montecarlo.write_files(heavy, tmp_path) == [tmp_path / montecarlo.FOLDER]
     failures = [one for runs in heavy.runs.values() for one in runs if one.failure]
     assert len(written(tmp_path)) == len(failures) > 2
     for one in failures:
@@ -108,33 +94,22 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy: Result, tmp
 
 
 def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch) -> None:
-    (tmp_path / "own.py").write_text(
-        "import afl_mujoco as afl\n"
-        "plant = afl.Plant(name='own', coordinates=('x',), inputs=('u',), model='<mujoco>"
-        '<worldbody><body><joint name="x" type="slide" axis="1 0 0"/><inertial mass="1" '
-        'diaginertia="1 1 1" pos="0 0 0"/></body></worldbody><actuator><motor name="u" '
-        'joint="x"/></actuator></mujoco>\')\n'
-    )
     (tmp_path / "own.toml").write_text(
-        'plant = "own.py:plant"\nduration = 0.1\n[requirements]\nmax = { x = 0.1 }\n'
-        "[ranges]\nx = [0.2, 0.3]\n"
+        f'plant = "{varied(tmp_path)}"\nduration = 0.1\n[requirements]\nmax = {{ arm = 0.1 }}\n'
+        "[ranges]\narm = [0.2, 0.3]\n"
     )
     monkeypatch.chdir(tmp_path)
     space = SampleSpace(load_scenario("own.toml"))
     idle = PythonController(name="idle", function=lambda t, x, belief: 0.0)
     found = run(asked(idle, samples=1, space=space))
     Path("out").mkdir()
-    write_files(found, Path("out"))
+    montecarlo.write_files(found, Path("out"))
     (one,) = found.rows
     (again,) = run_all(idle, [load_scenario(Path("out", montecarlo.file_of("idle", one)))])
     assert replace(again, draw=one.draw) == one
 
 
 # Controllers that break down
-
-
-def not_a_number(t, state, belief):
-    return math.nan
 
 
 def hangs(t, state, belief):
@@ -158,26 +133,24 @@ def raises(t, state, belief):
     ids=["raises", "wrong shape", "hangs"],
 )
 def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(function, message) -> None:
-    limit = 5.0 if function is raises else 0.05
-    own = PythonController(
-        name="broken", function=function, call_limit=limit, first_call_limit=limit
-    )
+    limits = dict.fromkeys(("call_limit", "first_call_limit"), 5.0 if function is raises else 0.05)
+    own = PythonController(name="broken", function=function, **limits)
     found = run(asked(own, LQR, samples=4))
     failed = [one for one in found.runs["broken"] if one.failure == CONTROLLER_FAILED]
     assert len(failed) == 4 or (failed and function is raises)
     assert all(one.message.startswith(message) for one in failed)
-    assert message in " ".join(to_text(report(found).blocks).split())
+    assert message in " ".join(to_text(montecarlo.report(found).blocks).split())
 
 
 def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
-    own = PythonController(name="nan", function=not_a_number)
+    own = PythonController(name="nan", function=lambda t, x, belief: math.nan)
     assert {one.failure for one in run(asked(own, samples=3)).runs["nan"]} == {"diverged"}
 
 
 # The folder of the scenario files
 
 
-def failing(heavy: Result, *numbers: int, **more) -> Result:
+def failing(heavy: montecarlo.Result, *numbers: int, **more) -> montecarlo.Result:
     """A result in which just these samples of lqr failed."""
     fell = next(one for one in heavy.rows if one.failure)
     good = next(one for one in heavy.rows if not one.failure)
@@ -186,25 +159,28 @@ def failing(heavy: Result, *numbers: int, **more) -> Result:
     return replace(heavy, **{**made, **more})
 
 
-def test_files_are_by_number_and_of_this_study_alone(heavy: Result, tmp_path) -> None:
-    write_files(failing(heavy, 3, 123, asked={"lqr": "mine:lqr"}), tmp_path)
+def test_files_are_by_number_and_of_this_study_alone(heavy: montecarlo.Result, tmp_path) -> None:
+    montecarlo.write_files(failing(heavy, 3, 123, asked={"lqr": "mine:lqr"}), tmp_path)
     names = {"montecarlo/lqr/failure-0003.toml", "montecarlo/lqr/failure-0123.toml"}
     assert written(tmp_path) == names
     assert find_replay(str(tmp_path / min(names))).controller == "mine:lqr"
-    write_files(failing(heavy), tmp_path)
+    montecarlo.write_files(failing(heavy), tmp_path)
     assert written(tmp_path) == set()
-    assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
+    assert [path.name for path in tmp_path.iterdir()] == [montecarlo.FOLDER]
 
 
 @pytest.mark.parametrize(
     "name", ["notes.txt", "lqr/notes.txt", "lqr/failure-1.toml", "lqr/deep/failure-0001.toml"]
 )
-def test_a_file_of_somebody_elses_is_not_lost(heavy: Result, tmp_path, name: str) -> None:
-    write_files(failing(heavy, 3), tmp_path)
-    theirs = tmp_path / FOLDER / name
+def test_a_file_of_somebody_elses_is_not_lost(heavy, tmp_path, name) -> None:
+    montecarlo.write_files(failing(heavy, 3), tmp_path)
+    theirs = tmp_path / montecarlo.FOLDER / name
     theirs.parent.mkdir(parents=True, exist_ok=True)
     theirs.write_text("mine")
-    for deed in (lambda: write_files(failing(heavy, 5), tmp_path), lambda: require_files(tmp_path)):
+    for deed in (
+        lambda: montecarlo.write_files(failing(heavy, 5), tmp_path),
+        lambda: montecarlo.require_files(tmp_path),
+    ):
         with pytest.raises(FileError, match="was not written by this study, which replaces its"):
             deed()
     assert theirs.read_text() == "mine"
@@ -212,29 +188,22 @@ def test_a_file_of_somebody_elses_is_not_lost(heavy: Result, tmp_path, name: str
 
 
 @pytest.mark.parametrize("when", ["writing", "moving"])
-def test_a_write_that_is_broken_off_leaves_what_was_there(
-    heavy: Result, tmp_path, monkeypatch, when: str
-) -> None:
-    write_files(failing(heavy, 3), tmp_path)
-    calls, save, rename = [], montecarlo.save_scenario, Path.rename
+def test_a_write_that_is_broken_off_leaves_what_was_there(heavy, tmp_path, monkeypatch, when):
+    montecarlo.write_files(failing(heavy, 3), tmp_path)
+    owner, name = {"writing": (montecarlo, "save_scenario"), "moving": (Path, "rename")}[when]
+    calls, deed = [], getattr(owner, name)
 
-    def interrupted(deed):
-        def act(*arguments, **options):
-            calls.append(arguments)
-            if len(calls) == 2:
-                raise KeyboardInterrupt
-            return deed(*arguments, **options)
+    def act(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return deed(*arguments, **options)
 
-        return act
-
-    if when == "writing":
-        monkeypatch.setattr(montecarlo, "save_scenario", interrupted(save))
-    else:
-        monkeypatch.setattr(Path, "rename", interrupted(rename))
+    monkeypatch.setattr(owner, name, act)
     with pytest.raises(KeyboardInterrupt):
-        write_files(failing(heavy, 5, 6), tmp_path)
+        montecarlo.write_files(failing(heavy, 5, 6), tmp_path)
     assert written(tmp_path) == {"montecarlo/lqr/failure-0003.toml"}
-    assert [path.name for path in tmp_path.iterdir()] == [FOLDER]
+    assert [path.name for path in tmp_path.iterdir()] == [montecarlo.FOLDER]
 
 
 # The command line
@@ -246,9 +215,8 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     result = program("montecarlo", *words, "out", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     content = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
-    assert content["command"] == (
-        "afl-mujoco montecarlo --samples 16 --generations 1 --integrator Euler"
-    )
+    asked = "afl-mujoco montecarlo --samples 16 --generations 1 --integrator Euler"
+    assert content["command"] == asked
     failures = [row for row in content["rows"] if row["failure"]]
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
     files |= {one["file"] for one in content["worst_cases"]}

@@ -1,7 +1,5 @@
 """Sweeps, samples, searches and maps of starts against single runs."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.pool import in_process, open_executor
+from afl_mujoco.pool import open_executor
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (
@@ -20,29 +18,14 @@ from afl_mujoco.scenario.sample_space import (
 )
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies.shared import robustness
-from afl_mujoco.studies.shared.robustness import (
-    HARDEST,
-    NEAREST,
-    Settings,
-    SweepUnit,
-    changes_of,
-    distance_of,
-    map_starts,
-    require_samples,
-    sample,
-    search_worst,
-    sweep,
-    worst_scenario,
-)
 from afl_mujoco.studies.shared.run import Run, run_all
 from afl_mujoco.studies.shared.search import BRACKETED, Budget, minimise
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 LEANING = afl.Scenario(name="leaning", duration=2.0, initial_state=(0.0, 0.2, 0.0, 0.0))
-SPACE = SampleSpace(
-    replace(LEANING, ranges=Ranges(varied={"phi": (-1.3, 1.3), "delay": (0.0, 0.2)}))
-)
+VARIED = Ranges(varied={"phi": (-1.3, 1.3), "delay": (0.0, 0.2)})
+SPACE = SampleSpace(replace(LEANING, ranges=VARIED))
 SAMPLES = 16
 SMALL = Budget(generations=3, population=6)
 SHORT = near_laboratory(duration=2.0, last_change=1.0)
@@ -51,7 +34,7 @@ EULER = Deployed("Euler")
 
 def drawn(count=SAMPLES, space=SPACE, deployed=DEFAULT, workers=1, controllers=(LQR,), seed=1):
     with open_executor(workers) as executor:
-        return sample(controllers, space, count, seed, deployed, executor)
+        return robustness.sample(controllers, space, count, seed, deployed, executor)
 
 
 @pytest.fixture(scope="module")
@@ -61,20 +44,18 @@ def runs() -> list[Run]:
 
 def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how):
     with open_executor(workers) as executor:
-        return search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
+        return robustness.search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
 
 
 @pytest.mark.parametrize("name", ["delay", "end_stops.z"])
 def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
-    settings = Settings(seeds=1, scan=5, tolerance=0.1)
-    found = sweep(SweepUnit(name, LQR, (LEANING,), settings)).survives
+    settings = robustness.Settings(seeds=1, scan=5, tolerance=0.1)
+    found = robustness.sweep(robustness.SweepUnit(name, LQR, (LEANING,), settings)).survives
     assert found.bound == BRACKETED
-    key = {"delay": "delay", "end_stops.z": "end_stops.z"}[name]
     for level, survives in ((found.holds_at, True), (found.fails_at, False)):
-        alone = afl.simulate_mujoco(
-            replace(LEANING, imperfections=IDEAL.changed({key: level})), LQR
-        )
-        reached = np.abs(alone.state[:, 0]).max() >= level if name == "end_stops.z" else False
+        there = replace(LEANING, imperfections=IDEAL.changed({name: level}))
+        alone = afl.simulate_mujoco(there, LQR)
+        reached = name == "end_stops.z" and np.abs(alone.state[:, 0]).max() >= level
         assert (alone.outcome.kind == "completed" and not reached) == survives
 
 
@@ -100,17 +81,19 @@ def test_neither_workers_nor_chunks_change_a_bit(runs, monkeypatch) -> None:
 def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
     reported: list[int] = []
     hardest, nearest = searched(runs, progress=reported.append)
-    assert (hardest.question, nearest.question) == (HARDEST, NEAREST)
+    assert (hardest.question, nearest.question) == (robustness.HARDEST, robustness.NEAREST)
     assert hardest.run[0].severity(SPACE.scenario) >= max(r.severity(SPACE.scenario) for r in runs)
-    failures = [distance_of(SPACE, sample_point(SPACE, r.draw, 1)) for r in runs if r.failure]
+    failures = [
+        robustness.distance_of(SPACE, sample_point(SPACE, r.draw, 1)) for r in runs if r.failure
+    ]
     assert nearest.distance <= min(failures)
     assert nearest.run[0].failure
     assert reported[-1] == hardest.tried + nearest.tried <= 2 * SMALL.points
     for found in (hardest, nearest):
-        scenario = worst_scenario(SPACE, found, 1)
+        scenario = robustness.worst_scenario(SPACE, found, 1)
         (alone,) = run_all(LQR, [scenario])
         assert replace(alone, scenario="", draw=0) == replace(found.run[0], scenario="", draw=0)
-        changes = np.abs(list(changes_of(SPACE, found.point).values()))
+        changes = np.abs(list(robustness.changes_of(SPACE, found.point).values()))
         assert (np.diff(changes) <= 0.0).all()
         assert np.linalg.norm(changes) / np.sqrt(SPACE.dimension) == pytest.approx(found.distance)
 
@@ -118,7 +101,7 @@ def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
 def test_the_nearest_failure_is_searched_from_the_nearest_known(runs, monkeypatch) -> None:
     monkeypatch.setattr(robustness, "minimise", lambda cost, start, *rest: (start, 1))
     points = {run.draw: sample_point(SPACE, run.draw, 1) for run in runs if run.failure}
-    distances = {i: distance_of(SPACE, point) for i, point in points.items()}
+    distances = {i: robustness.distance_of(SPACE, point) for i, point in points.items()}
     best = min(distances, key=lambda i: distances[i])
     assert best != min(distances), "the first failure must not be the nearest one too"
     _, nearest = searched(runs)
@@ -130,7 +113,9 @@ def test_what_changes_no_scenario_is_no_distance() -> None:
     for axis, name in enumerate(SHORT.coordinates):
         point = SHORT.reference.copy()
         point[axis] += 0.3 if point[axis] < 0.5 else -0.3
-        assert (distance_of(SHORT, point) > 0.0) == (SHORT.scenario_of(point, 0, 1) != home), name
+        assert (robustness.distance_of(SHORT, point) > 0.0) == (
+            SHORT.scenario_of(point, 0, 1) != home
+        ), name
 
 
 @pytest.mark.slow
@@ -141,23 +126,8 @@ def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
     one, two = (searched(found, SHORT, budget, EULER, workers) for workers in (1, 2))
     assert one == two
     hardest, nearest = one
-    assert (
-        hardest.run[0].failure and nearest.run[0].failure and nearest.distance <= hardest.distance
-    )
-
-
-def test_a_map_of_starts_is_of_single_runs() -> None:
-    scenario = replace(LEANING, duration=6.0)
-    angles, rates = np.linspace(-1.4, 1.4, 5), np.array([-1.0, 1.0])
-    found = map_starts(LQR, scenario, ("phi", "phi_dot"), (angles, rates), Deployed(), in_process)
-    assert {run.outcome for run in found} == {"completed", "fell"}
-    assert [run.draw for run in found] == list(range(11))
-    for run in found[:-1]:
-        row, column = divmod(run.draw, 5)
-        start = (0.0, angles[column], 0.0, rates[row])
-        alone = afl.simulate_mujoco(replace(scenario, initial_state=start), LQR)
-        assert (alone.outcome.kind, alone.outcome.time) == (run.outcome, run.time)
-    assert replace(found[-1], draw=0) == run_all(LQR, [scenario])[0]
+    assert hardest.run[0].failure and nearest.run[0].failure
+    assert nearest.distance <= hardest.distance
 
 
 @pytest.mark.parametrize(
@@ -177,7 +147,7 @@ def test_a_map_of_starts_is_of_single_runs() -> None:
 def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -> None:
     asked = {"controllers": [LQR], "space": SPACE, "samples": 2, "seed": 1, "deployed": Deployed()}
     with pytest.raises(AflMujocoError) as raised:
-        require_samples(**{**asked, **changes})
+        robustness.require_samples(**{**asked, **changes})
     assert str(raised.value).startswith(message)
 
 

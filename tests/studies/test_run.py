@@ -1,7 +1,5 @@
 """One row a run: how it is judged, how bad it was, what a file keeps of it."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 
@@ -46,13 +44,8 @@ def limited(*margins: float, **values) -> Run:
 
 
 def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> None:
-    order = [
-        made(),
-        made(metrics={"peak_phi": 1.5, "iae_phi": 20.0}),
-        made("fell", 19.0),
-        made("diverged", 0.5),
-        made(CONTROLLER_FAILED),
-    ]
+    order = [made(), made(metrics={"peak_phi": 1.5, "iae_phi": 20.0}), made("fell", 19.0),
+             made("diverged", 0.5), made(CONTROLLER_FAILED)]  # fmt: skip
     severities = [run.severity(NOMINAL) for run in order]
     assert severities == sorted(set(severities))
     assert severities[1] < 1.0 < severities[2]
@@ -74,11 +67,8 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
     late = Imperfections(delay=0.004)
     peak = np.abs(afl.simulate_mujoco(replace(NEAR, imperfections=late), LQR).state[:, 0]).max()
     rail = replace(late, end_stops={"z": 0.999 * float(peak)})
-    scenarios = [
-        NEAR,
-        replace(NEAR, imperfections=rail),
-        replace(NEAR, initial_state=(0.0, 1.5, 0.0, 0.0)),
-    ]
+    steep = (0.0, 1.5, 0.0, 0.0)
+    scenarios = [NEAR, replace(NEAR, imperfections=rail), replace(NEAR, initial_state=steep)]
     for scenario, run in zip(scenarios, run_all(LQR, scenarios), strict=True):
         alone = afl.simulate_mujoco(scenario, LQR)
         other = run_of(scenario, LQR, alone)
@@ -124,9 +114,8 @@ def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
     )  # fmt: skip
     data = as_plain(result, arrays := {})
     assert data["rows"][0] | {"requirements": []} == runs[0].row | {"requirements": []}
-    assert {"requirement", "value", "limit", "margin", "met"} <= {
-        *data["rows"][0]["requirements"][1]
-    }
+    judged = data["rows"][0]["requirements"][1]
+    assert {"requirement", "value", "limit", "margin", "met"} <= judged.keys()
     again = parse_json(json.dumps(data), Map, arrays)
     assert again.rows == tuple(runs)
     for rows, rule in (({}, "must be a list of objects"), ([{"scenario": 3}], "rows")):

@@ -1,7 +1,5 @@
 """What a new user's plant showed: a wheel whose angle nothing depends on, and a pole above it."""
 
-from __future__ import annotations
-
 import inspect
 from dataclasses import replace
 

@@ -1,10 +1,8 @@
 """The command `validate`: what it judges, says, draws and writes, and what contradicts itself."""
 
-from __future__ import annotations
-
-import dataclasses
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +21,11 @@ from afl_mujoco.studies.shared.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, report, run, verdict_of
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
 from afl_mujoco.studies.verify.criteria import CRITERIA
+from tests.messages import line
 from tests.study_results import record
 from tests.verification_result import make_result
 
-BY_DEFAULT = ("A1", "A2", "A3", "A7", "A7z", "A5", "B1", "B2", "B2b", "B3", "B5")
-SHORT = dataclasses.replace(
+SHORT = replace(
     afl.SCENARIOS["step-trapezoid"],
     name="short",
     duration=1.2,
@@ -49,17 +47,13 @@ def short() -> Result:
 
 def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Result) -> None:
     assert short.failed_checks == [] and short.passed
-    once, ids = BY_DEFAULT[:5], ("A5", "B1", "B2", "B2b", "B3", "B5")
-    assert [(c.id, c.controller) for c in short.checks] == [(id, "any") for id in once] + [
-        (id, controller) for controller in ("fixed", "adaptive") for id in ids
-    ]
-    assert [(r.controller, r.simulator) for r in short.runs] == [
-        (controller, simulator) for controller in ("fixed", "adaptive") for simulator in REPORTED
-    ]
-    assert [(row.controller, row.failure) for row in short.rows] == [
-        ("fixed", ""),
-        ("adaptive", ""),
-    ]
+    once, each = ("A1", "A2", "A3", "A7", "A7z"), ("A5", "B1", "B2", "B2b", "B3", "B5")
+    pairs = [*product(["any"], once), *product(("fixed", "adaptive"), each)]
+    assert [(c.controller, c.id) for c in short.checks] == pairs
+    runs = [(r.controller, r.simulator) for r in short.runs]
+    assert runs == [*product(("fixed", "adaptive"), REPORTED)]
+    rows = [(row.controller, row.failure) for row in short.rows]
+    assert rows == [("fixed", ""), ("adaptive", "")]
     assert list(short.curves) == ["short/fixed", "short/adaptive"]
     for name, (time, states) in short.curves.items():
         run = afl.simulate_mujoco(SHORT, name.split("/")[1])
@@ -81,10 +75,6 @@ def test_two_workers_give_the_same_result_as_one(short: Result) -> None:
 def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:
     nominal = run(Request([afl.SCENARIOS["nominal"]], USED[:1]))
     assert nominal.runs[0].metrics["objective"] == 3.0
-
-
-def test_without_checks_nothing_passes() -> None:
-    assert verdict_of(()) == "fail"
 
 
 # What is said
@@ -118,22 +108,20 @@ def test_the_headline_says_whether_the_codes_agree_and_what_became_of_the_claims
         "CODES DIFFER, 18/22 checks hold: B3 3.4×10⁻⁷ > 10⁻⁸ on step-step with fixed; of the "
     )
     assert "B3 none > 10⁻⁸" in report(make_result(b3=None)).headline
+    assert verdict_of(()) == "fail"
     assert not report(replace(make_result(), checks=(), verdict="fail")).passed
 
 
 def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
     fell = make_result(outcome="fell at t = 1.2 s", fell_at=1200, full=False)
-    assert report(fell).headline == (
-        "CODES AGREE 22/22; 4 of 4 cases did not complete: step-step with fixed fell at t = 1.2 s, "
-        "ode"
+    said = (
+        "CODES AGREE 22/22; 4 of 4 cases did not complete: step-step with fixed fell at t = 1.2 s"
     )
-    result = make_result(full=False)
-    runs = tuple(
-        replace(run, outcome="fell at t = 1 s") if run.simulator == "mujoco sampled" else run
-        for run in result.runs
-    )
-    said = replace(result, runs=runs)
-    assert "4 of 4 cases did not complete" in report(said).headline
+    assert report(fell).headline == f"{said}, ode"
+    whole = make_result(full=False)
+    pairs = zip(fell.runs, whole.runs, strict=True)
+    runs = tuple(one if one.simulator == "mujoco sampled" else other for one, other in pairs)
+    assert "4 of 4 cases did not complete" in report(replace(whole, runs=runs)).headline
 
 
 def test_a_requirement_that_is_missed_fails_and_is_shown() -> None:
@@ -233,9 +221,7 @@ BROKEN = (
 
 
 @pytest.mark.parametrize(("place", "value", "words"), BROKEN)
-def test_a_report_that_would_mislead_is_refused_in_one_line(
-    place: tuple, value: object, words: str, tmp_path: Path
-) -> None:
+def test_a_report_that_would_mislead_is_refused_in_one_line(place, value, words, tmp_path) -> None:
     path = write(make_result(), tmp_path)
     data = inner = json.loads(path.read_text())
     for key in place[:-1]:
@@ -245,10 +231,6 @@ def test_a_report_that_would_mislead_is_refused_in_one_line(
     else:
         inner[place[-1]] = value
     path.write_text(json.dumps(data))
-    with pytest.raises(FileError) as refusal:
+    said = line(..., "report.json", ..., words, ..., "run afl-mujoco validate")
+    with pytest.raises(FileError, match=said):
         load_record(find_study("validate"), tmp_path)
-    said = str(refusal.value)
-    assert words in said
-    assert "report.json" in said
-    assert said.endswith("run afl-mujoco validate")
-    assert "\n" not in said

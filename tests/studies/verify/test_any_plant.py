@@ -1,10 +1,5 @@
 """The checks of a plant that is not the cart-pole, and that they can fail."""
 
-from __future__ import annotations
-
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from math import sin
 from pathlib import Path
@@ -133,23 +128,18 @@ def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path)
     with pytest.raises(InvalidValueError, match="is of the cart-pole; plant 'cart-double-pen"):
         prepare(Options(scenarios=(own,), controllers=("adaptive",)))
     beside = f'plant = "{EXAMPLES}/quadrotor_load.py:plant"\n[[disturbances]]\nshape = "pulse"\n'
-    (tmp_path / "site.toml").write_text(f"{beside}force = 1.0\nstart = 0.1\nduration = 0.1\n"
-                                        'input = "left"\n')  # fmt: skip
+    pulse = 'force = 1.0\nstart = 0.1\nduration = 0.1\ninput = "left"\n'
+    (tmp_path / "site.toml").write_text(beside + pulse)
     with pytest.raises(InvalidValueError, match="must name a coordinate in this mode"):
         prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
 
 
-def test_the_command_writes_what_it_can_read(tmp_path: Path) -> None:
+def test_the_command_writes_what_it_can_read(tmp_path: Path, command_line) -> None:
     text = f'plant = "{EXAMPLES}/double_pendulum.py:plant"\nduration = 1.0\n'
     (tmp_path / "own.toml").write_text(text + "initial_state = {shoulder = 3.3}\n")
-    command = [sys.executable, "-m", "afl_mujoco", "validate", "own.toml", "--out", "out"]
-    root = str(Path(__file__).parents[3])
-    done = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": root},
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert "PASS: CODES AGREE 11/11" in done.stdout
+    code, output, errors = command_line("validate", "own.toml", "--out", "out")
+    assert (code, errors) == (0, "")
+    assert "PASS: CODES AGREE 11/11" in output
     assert {"report.html", "report.json"} <= {x.name for x in (tmp_path / "out").iterdir()}
 
 

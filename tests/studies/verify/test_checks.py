@@ -1,7 +1,5 @@
 """The checks look where they say, measure an error as large as it is, and see planted faults."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -13,18 +11,10 @@ from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.studies.verify import checks
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.criteria import CRITERIA
+from tests.studies.test_validate import SHORT
 
 RIGHT = 0.97  # of a range that thousands of draws fill
 FIXED = afl.CONTROLLERS["fixed"]
-SHORT = dataclasses.replace(
-    afl.SCENARIOS["step-trapezoid"],
-    name="short",
-    duration=1.2,
-    disturbances=(
-        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
-        afl.Impulse(momentum=-1.0, time=0.8),
-    ),
-)
 
 
 @pytest.fixture
@@ -40,18 +30,21 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[float]]:
     return found
 
 
-def test_accelerations_are_compared_all_over_the_state_space(asked: list[list[float]]) -> None:
-    checks.acceleration_error(np.random.default_rng(0), 2000)
-    ends = np.array([10.0, np.pi, 10.0, 10.0, 200.0])
-    assert np.all(np.max(asked, axis=0) > RIGHT * ends)
-    assert np.all(np.min(asked, axis=0) < -RIGHT * ends)
-    assert np.all(np.abs(asked) <= ends)
-
-
-def test_symmetries_are_asked_all_over_the_controllers_domain(asked: list[list[float]]) -> None:
-    checks.asymmetry(np.random.default_rng(0), 1000)
-    here = asked[::4]  # then mirrored, shifted and scaled
-    ends = np.array([10.0, 1.5, 10.0, 10.0, 200.0])
+@pytest.mark.parametrize(
+    ("check", "count", "each", "angle"),
+    [
+        (checks.acceleration_error, 2000, 1, np.pi),
+        (
+            checks.asymmetry,
+            1000,
+            4,
+            1.5,
+        ),  # then mirrored, shifted and scaled; where controllers are
+    ],
+)
+def test_states_are_drawn_all_over_the_space(asked, check, count, each, angle) -> None:
+    check(np.random.default_rng(0), count)
+    here, ends = asked[::each], np.array([10.0, angle, 10.0, 10.0, 200.0])
     assert np.all(np.max(here, axis=0) > RIGHT * ends)
     assert np.all(np.min(here, axis=0) < -RIGHT * ends)
     assert np.all(np.abs(here) <= ends)
@@ -85,25 +78,16 @@ def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
 def test_b1_sees_a_cart_that_is_one_part_in_a_million_too_heavy() -> None:
     schedule = SHORT.cart_mass
     heavier = afl.Schedule(schedule.times, tuple(v * (1.0 + 1e-6) for v in schedule.values))
-    exact = afl.simulate_mujoco(
-        dataclasses.replace(SHORT, schedule={**SHORT.schedule, "cart_mass": heavier}),
-        FIXED,
-        "exact",
-    )
+    heavy = dataclasses.replace(SHORT, schedule={**SHORT.schedule, "cart_mass": heavier})
+    exact = afl.simulate_mujoco(heavy, FIXED, "exact")
     difference = checks.state_difference(exact, afl.simulate_ode(SHORT, FIXED))
     assert not CRITERIA["B1"].judge(difference).passed
 
 
 def test_a5_and_b3_see_a_schedule_half_a_step_late() -> None:
-    late = dataclasses.replace(
-        SHORT,
-        schedule={
-            **SHORT.schedule,
-            "half_length": afl.Schedule(
-                tuple(t + 5e-4 for t in SHORT.half_length.times), SHORT.half_length.values
-            ),
-        },
-    )
+    own = SHORT.half_length
+    later = afl.Schedule(tuple(t + 5e-4 for t in own.times), own.values)
+    late = dataclasses.replace(SHORT, schedule={**SHORT.schedule, "half_length": later})
     runs = closed_loop_runs(SHORT, FIXED, Settings())
     runs["mujoco sampled"] = afl.simulate_mujoco(late, FIXED, "sampled")
     passed = {c.id: c.passed for c in checks.closed_loop_checks(SHORT, FIXED, runs)}

@@ -1,7 +1,5 @@
 """The claims ledger judges what it is given, and not what it would like to find."""
 
-from __future__ import annotations
-
 from itertools import product
 
 import pytest
@@ -11,23 +9,9 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, with_objective
 from afl_mujoco.studies.verify import claims as ledger
-from afl_mujoco.studies.verify.claims import (
-    EVERY,
-    IN_PART,
-    NOT_REPRODUCED,
-    PUBLISHED_IMPROVEMENT,
-    RANDOM,
-    REPRODUCED,
-    Readings,
-    decidable,
-    judge_claims,
-    kind,
-    performance_claims,
-    shipped,
-)
 
-PUBLISHED = {case: {"one": x} for case, x in PUBLISHED_IMPROVEMENT.items()}
-TRIED = Readings(drawn=4, near=dict.fromkeys(PUBLISHED, 4), fitted=PUBLISHED)
+PUBLISHED = {case: {"one": x} for case, x in ledger.PUBLISHED_IMPROVEMENT.items()}
+TRIED = ledger.Readings(drawn=4, near=dict.fromkeys(PUBLISHED, 4), fitted=PUBLISHED)
 SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 
 
@@ -43,22 +27,21 @@ def as_published() -> dict:
     """Runs in which the paper is right in everything."""
     runs = {}
     for name, controller in product(afl.SCENARIOS, ("fixed", "adaptive")):
-        cut = PUBLISHED_IMPROVEMENT.get(name.removesuffix("-impulse"), 30.0) / 100.0
+        cut = ledger.PUBLISHED_IMPROVEMENT.get(name.removesuffix("-impulse"), 30.0) / 100.0
         adaptive = controller == "adaptive"
-        settling = (14.0 if adaptive else 15.0) if "impulse" in name else (4.0 if adaptive else 5.0)
-        runs[name, controller] = figures(
-            1.0 - cut if adaptive else 1.0, 0.5 if adaptive else 1.0, settling
-        )
+        settling = (14.0 if "impulse" in name else 4.0) + (not adaptive)
+        found = (1.0 - cut, 0.5) if adaptive else (1.0, 1.0)
+        runs[name, controller] = figures(*found, settling)
     return runs
 
 
 def verdicts(runs: dict) -> dict[str, str]:
-    return {claim.id: claim.verdict for claim in performance_claims(runs, TRIED)}
+    return {claim.id: claim.verdict for claim in ledger.performance_claims(runs, TRIED)}
 
 
 def test_runs_as_published_reproduce_every_claim_on_performance() -> None:
-    claims = {claim.id: claim for claim in performance_claims(as_published(), TRIED)}
-    assert {claim.verdict for claim in claims.values()} == {REPRODUCED, EVERY}
+    claims = {claim.id: claim for claim in ledger.performance_claims(as_published(), TRIED)}
+    assert {claim.verdict for claim in claims.values()} == {ledger.REPRODUCED, ledger.EVERY}
     assert claims["C3"].here == pytest.approx(38.03)
     assert (claims["C2"].here, claims["C7"].here, claims["C8"].here) == (5.0, 32.0, 5.0)
 
@@ -66,7 +49,7 @@ def test_runs_as_published_reproduce_every_claim_on_performance() -> None:
 @pytest.mark.parametrize(
     ("objective", "expected"),
     [
-        (0.66, EVERY),
+        (0.66, ledger.EVERY),
         (0.75, "not reproduced; met under 100.0 % of readings"),
         (None, "not reproduced; met under 100.0 % of readings"),
     ],
@@ -75,7 +58,7 @@ def test_an_improvement_is_judged_under_every_reading(objective, expected) -> No
     runs = as_published()
     runs["step-step", "adaptive"] = figures(objective, 0.5, 4.0)
     assert verdicts(runs)["C3"] == expected
-    assert kind(expected) == (EVERY if expected == EVERY else RANDOM)
+    assert ledger.kind(expected) == (ledger.EVERY if expected == ledger.EVERY else ledger.RANDOM)
 
 
 def test_a_run_that_never_settles_takes_from_c2_c7_and_c8() -> None:
@@ -83,11 +66,11 @@ def test_a_run_that_never_settles_takes_from_c2_c7_and_c8() -> None:
     runs["step-step", "adaptive"] = figures(0.62, 0.5, None)
     runs["step-step-impulse", "adaptive"] = figures(0.62, 0.5, None)
     found = verdicts(runs)
-    assert (found["C2"], found["C7"], found["C8"]) == (IN_PART,) * 3
+    assert (found["C2"], found["C7"], found["C8"]) == (ledger.IN_PART,) * 3
 
 
 def test_the_retuned_adaptive_gains_beat_the_retuned_fixed_gains_in_all_four_cases() -> None:
-    for case in PUBLISHED_IMPROVEMENT:
+    for case in ledger.PUBLISHED_IMPROVEMENT:
         found = []
         for name in ("fixed-retuned", "adaptive-retuned"):
             controller, scenario = afl.CONTROLLERS[name], afl.SCENARIOS[case]
@@ -98,7 +81,7 @@ def test_the_retuned_adaptive_gains_beat_the_retuned_fixed_gains_in_all_four_cas
 
 
 def test_the_law_linearises_and_a_wrong_one_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert ledger.linearisation_claim().verdict == REPRODUCED
+    assert ledger.linearisation_claim().verdict == ledger.REPRODUCED
     original = ledger.linearizing_force
     for least in (0.0, 50.0):  # everywhere, and only where accelerations are large
 
@@ -106,14 +89,14 @@ def test_the_law_linearises_and_a_wrong_one_is_seen(monkeypatch: pytest.MonkeyPa
             return original(u, phi, *others) * (1.0 + 1e-6 * (abs(u) > least and abs(phi) < 1.0))
 
         monkeypatch.setattr(ledger, "linearizing_force", wrong)
-        assert ledger.linearisation_claim().verdict == NOT_REPRODUCED
+        assert ledger.linearisation_claim().verdict == ledger.NOT_REPRODUCED
 
 
 def test_the_ledger_has_the_twelve_claims_in_order_or_none() -> None:
-    known = shipped()
-    claims = judge_claims(as_published(), known)
+    known = ledger.shipped()
+    claims = ledger.judge_claims(as_published(), known)
     assert [claim.id for claim in claims] == [f"C{k}" for k in range(1, 13)]
     assert set(known.random_schedules) == {"published", "retuned"}
     incomplete = {k: v for k, v in as_published().items() if k != ("nominal", "fixed")}
-    assert decidable(as_published())
-    assert not decidable(incomplete)
+    assert ledger.decidable(as_published())
+    assert not ledger.decidable(incomplete)

@@ -1,7 +1,5 @@
 """The explanation of a difference closes, and each of its checks can fail."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -15,18 +13,11 @@ from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.convergence import STEPS, Study, sampled_study
 from afl_mujoco.studies.verify.criteria import CRITERIA
 
+PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
 SHORT = dataclasses.replace(
-    afl.SCENARIOS["step-trapezoid"],
-    name="short",
+    afl.SCENARIOS["step-trapezoid"].with_schedule(cart_mass=afl.staircase((0.3,), (0.5, 1.0))),
     duration=2.0,
-    schedule={
-        **afl.SCENARIOS["step-trapezoid"].schedule,
-        "cart_mass": afl.staircase((0.3,), (0.5, 1.0)),
-    },
-    disturbances=(
-        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
-        afl.Impulse(momentum=0.3, time=0.7),
-    ),
+    disturbances=(PULSE, afl.Impulse(momentum=0.3, time=0.7)),
 )
 ADAPTIVE = afl.CONTROLLERS["adaptive"]
 
@@ -48,33 +39,23 @@ def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explain
     }  # fmt: skip
 
 
-def test_a_study_that_did_not_finish_has_no_order():
-    for errors in ((math.inf, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5, 0.0)):
-        found = Study((0.4, 0.2, 0.1, 0.05), errors)
-        assert math.isnan(found.deviation(1.0))
-
-
-def test_the_budget_names_the_held_control_as_the_largest_source(explained):
+def test_the_budget_names_the_held_control_and_its_parts_add_up_at_its_worst(explained):
     budget = explained[1]
     parts = (budget.model_form, budget.integrator, budget.schedule_sampling)
     assert budget.control_hold > 100.0 * max(parts)
     assert budget.total == pytest.approx(budget.control_hold, rel=0.05)  # B5
-
-
-def test_at_its_worst_the_parts_of_the_difference_add_up_to_it(explained):
-    worst = dataclasses.asdict(explained[1].at_worst)
+    worst = dataclasses.asdict(budget.at_worst)
     assert worst.pop("unit") == "rad/s"
     assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
     total = worst.pop("total")
-    assert abs(total) == explained[1].total
+    assert abs(total) == budget.total
     assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
 
 
 def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
     monkeypatch.setattr(
-        explanation, "Holds", lambda control_period=None, **held: original(None, **held)
+        explanation, "Holds", lambda control_period=None, **held: Holds(None, **held)
     )
-    original = Holds
     budget = explanation.error_budget(SHORT, ADAPTIVE, runs)
     assert not CRITERIA["B5"].judge(budget.residual_share).passed
 
@@ -101,17 +82,17 @@ def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
 
 
 def test_a_run_that_fell_is_not_explained(runs):
-    fallen = {
-        name: dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
-        for name, run in runs.items()
-    }
+    fell = afl.Outcome("fell", 1.0)
+    fallen = {name: dataclasses.replace(run, outcome=fell) for name, run in runs.items()}
     assert explanation.error_budget(SHORT, ADAPTIVE, fallen) is None
-    explained = explanation.explain(SHORT, ADAPTIVE, fallen, full=True)
-    assert explained == ((), None, None)
+    assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == ((), None, None)
 
 
-def test_the_order_of_a_power_law_is_its_exponent():
-    study = Study((0.4, 0.2, 0.1, 0.05), tuple(3.0 * h**2.5 for h in (0.4, 0.2, 0.1, 0.05)))
+def test_the_order_of_a_power_law_is_its_exponent_and_of_a_study_that_did_not_finish_none():
+    steps = (0.4, 0.2, 0.1, 0.05)
+    for errors in ((math.inf, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5, 0.0)):
+        assert math.isnan(Study(steps, errors).deviation(1.0))
+    study = Study(steps, tuple(3.0 * h**2.5 for h in steps))
     assert study.deviation(0.0) == pytest.approx(2.5, rel=1e-12)
     assert study.reduction == pytest.approx(4.0**-2.5, rel=1e-12)
 

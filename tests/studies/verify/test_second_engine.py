@@ -43,9 +43,8 @@ class SecondEngine:
         rod = pin.Inertia.FromCylinder(p.pole_mass, 0.0, 2.0 * p.half_length)
         centre = np.array([0.0, 0.0, p.half_length])
         self.model.inertias[self.model.getJointId("z")] = box
-        self.model.inertias[self.model.getJointId("phi")] = pin.Inertia(
-            rod.mass, centre, rod.inertia
-        )
+        about = pin.Inertia(rod.mass, centre, rod.inertia)
+        self.model.inertias[self.model.getJointId("phi")] = about
         self.model.gravity.linear = np.array([0.0, 0.0, -p.gravity])
 
     def acceleration(self, state, force):
@@ -95,38 +94,26 @@ class Paper:
         return total_energy(state, self.p)
 
 
-@pytest.fixture(params=[MuJoCo, Paper], ids=["MuJoCo", "the paper"])
-def judged(request):
-    return request.param()
-
-
 @pytest.fixture
 def second():
     return SecondEngine()
 
 
-def _worst(judged, second, rng, values):
-    worst = 0.0
+@pytest.mark.parametrize("side", [MuJoCo, Paper], ids=["MuJoCo", "the paper"])
+def test_accelerations_mass_matrices_and_energies_are_the_second_engine_s(side, second, rng):
+    judged = side()
     for _ in range(STATES):
         p = random_plant(rng)
         judged.set_parameters(p)
         second.set_parameters(p)
         state, force = rng.uniform(-1.0, 1.0, 4) * SCALE, rng.uniform(-200.0, 200.0)
-        actual, expected = (np.array(values(side, state, force)) for side in (judged, second))
-        worst = max(worst, np.max(np.abs(actual - expected) / (1.0 + np.abs(expected))))
-    return worst
-
-
-def test_accelerations_are_the_second_engine_s(judged, second, rng):
-    assert _worst(judged, second, rng, lambda side, x, f: side.acceleration(x, f)) <= TOLERANCE
-
-
-def test_mass_matrices_are_the_second_engine_s(judged, second, rng):
-    assert _worst(judged, second, rng, lambda side, x, _: side.mass_matrix(x)) <= TOLERANCE
-
-
-def test_energies_are_the_second_engine_s(judged, second, rng):
-    assert _worst(judged, second, rng, lambda side, x, _: side.energy(x)) <= TOLERANCE
+        for values in (
+            lambda one, x=state, f=force: one.acceleration(x, f),
+            lambda one, x=state: one.mass_matrix(x),
+            lambda one, x=state: one.energy(x),
+        ):
+            actual, expected = values(judged), values(second)
+            assert np.max(np.abs(actual - expected) / (1.0 + np.abs(expected))) <= TOLERANCE
 
 
 def test_the_mjcf_as_it_stands_moves_alike_in_both_engines(second, rng):
