@@ -14,7 +14,7 @@ from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force, sliding_and_drift
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -264,13 +264,13 @@ class Controller(Protocol):
 
     def assumed_values(self, values: Floats) -> Floats:
         """Return what the controller assumes of the parameters, shape (parameters,)."""
-        if self.plant.states != CART_POLE.states:
+        if not has_its_names(self.plant):
             return values
         return np.array(self.assumed_parameters(*values.tolist()))
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of true parameters at which its gains are not smooth, by name."""
-        if self.plant.states != CART_POLE.states:
+        if not has_its_names(self.plant):
             return {}
         (pole_mass, _), (gravity, _) = spans["pole_mass"], spans["gravity"]
         plants = PlantRange(spans["cart_mass"], spans["half_length"], pole_mass, gravity)
@@ -327,7 +327,7 @@ class Controller(Protocol):
 
     def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return the inputs of the controller for rows of told parameters, shape (N, numbers)."""
-        if plant.states != CART_POLE.states:
+        if not has_its_names(plant):
             rule = f"is of the cart-pole; for plant {plant.name!r} use lqr, or your own"
             raise InvalidValueError(f"controller {self.name!r}", rule)
         mass, pole_mass, length, gravity = values.T

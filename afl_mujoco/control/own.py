@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.loading import import_from
-from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive, require_type
@@ -262,7 +262,7 @@ class PythonController(Controller):
 
         Of a plant with several inputs, shape (k,).
         """
-        cart_pole = self.plant.states == CART_POLE.states
+        cart_pole = has_its_names(self.plant)
         given = dict(zip(self.plant.parameters, map(float, assumed), strict=True))
         belief: Any = CartPoleParameters(**given) if cart_pole else SimpleNamespace(**given)
         falling = cart_pole and not abs(float(np.asarray(state)[1])) < 0.5 * np.pi
@@ -311,7 +311,7 @@ class PythonController(Controller):
 
     def inputs_for(self, plant: Plant, values: Floats) -> Floats:
         """Return the inputs: what is assumed of the parameters, in rows."""
-        if plant.states == CART_POLE.states:
+        if has_its_names(plant):
             return Controller.inputs_for(self, plant, values)
         return values
 

@@ -35,7 +35,7 @@ class Standpoint:
 
     aims: Floats | None = None  # where it looks in each frame [m], None for a camera of the MJCF
     distance: float = 0.0
-    azimuth: float = 90.0
+    azimuth: float = 90.0  # of a camera of the MJCF, as it stands at first
     elevation: float = 0.0
 
     def camera(self, index: int) -> mujoco.MjvCamera | int:
@@ -90,7 +90,9 @@ def watch(
     every moving body is in the frame at every instant.
     """
     if model.mj_model.ncam and model.plant is replays[0].plan.plant:  # and not those of a scene
-        return [Standpoint() for _ in replays]
+        mujoco.mj_forward(model.mj_model, model.mj_data)
+        x, y, _ = -model.mj_data.cam_xmat[0].reshape(3, 3)[:, 2]  # where it looks
+        return [Standpoint(azimuth=float(np.degrees(np.arctan2(y, x)))) for _ in replays]
     seen = [_moving(model, replay) for replay in replays]  # (frames, points, 3) each
     aims, _, own = follow(seen, fps)
     around = kept(seen, aims, own)

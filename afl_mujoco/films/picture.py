@@ -121,12 +121,12 @@ def frames(
                 drawn, marks = scene.draw(replay, index, path)
                 texts = _numbers(replay, index, marks, part, s, ending)
                 picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
+            if plots is not None:
+                picture[part[1] :, left:] = plots(float(replays[0].time[index]))
             if not alone:
                 picture[: part[1] if two else height, part[0]] = DIVIDER
             if len(replays) > 2:
                 picture[part[1]] = DIVIDER
-            if plots is not None:
-                picture[part[1] :, left:] = plots(float(replays[0].time[index]))
             yield picture
 
 

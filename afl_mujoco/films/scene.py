@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import GraphicsError, InvalidValueError
 from afl_mujoco.films.camera import Frame, Standpoint, eye_of, project, scale_of, watch
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.scenario.parameters import GREEK
 from afl_mujoco.simulation.decor import LARGEST, Colour, add_forces, add_tracks, drawn_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
 from afl_mujoco.simulation.poses import Track, tracks
@@ -177,7 +178,9 @@ def view(replay: Replay, fps: int, speed: float) -> None:
                 stage.add(viewer.user_scn, replay, index, wide)
             labels, values = zip(*replay.readouts(index), strict=True)
             lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
-            left = "\n".join(lines).replace("φ", "phi").replace("Δ", "d")  # its font has no Greek
+            left = "\n".join(lines).replace("Δ", "d")
+            for name, letter in GREEK.items():  # which its font does not have
+                left = left.replace(letter, name)
             viewer.set_texts((None, None, left, "\n".join(("", *values))))
             viewer.sync()
             before = index

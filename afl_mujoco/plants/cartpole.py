@@ -84,3 +84,9 @@ CART_POLE = Plant(
     origin="afl_mujoco.plants.cartpole:CART_POLE",
 )
 """The plant of a scenario that names none."""
+
+
+def has_its_names(plant: Plant) -> bool:
+    """Return whether a plant has the states and the parameters of the cart-pole."""
+    own = CART_POLE
+    return plant.states == own.states and [*plant.parameters] == [*own.parameters]

@@ -14,7 +14,7 @@ from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.values import (
@@ -444,7 +444,7 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
 
 def declarations(plant: Plant) -> Mapping[str, Declaration]:
     """Return the declaration of each number by its path, for a plant."""
-    if plant.states == CART_POLE.states:
+    if has_its_names(plant) and plant.details.keys() == CART_POLE.details.keys():
         return DECLARATIONS
     return _declared(plant)
 

@@ -17,7 +17,7 @@ RATES = MappingProxyType({f"{name}_dot": f"{unit}/s" for name, unit in COORDINAT
 
 STATE = MappingProxyType({**COORDINATES, **RATES})  # the state and its units
 
-_GREEK = {
+GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "delta": "δ", "theta": "θ", "phi": "φ", "psi": "ψ",
     "omega": "ω",
 }  # fmt: skip
@@ -26,7 +26,7 @@ _GREEK = {
 def symbol(name: str) -> str:
     """Return a name of a state, an input or a signal as a report writes it."""
     whole, prime = name.removesuffix("_dot"), "′" if name.endswith("_dot") else ""
-    return f"{_GREEK.get(whole, whole)}{prime}"
+    return f"{GREEK.get(whole, whole)}{prime}"
 
 
 def labelled(name: str, unit: str) -> str:

@@ -112,19 +112,20 @@ def add_tracks(
         for words, place in track.places:
             edge = 0.0
             if words == "end stop":  # where what moves touches it
-                edge = math.copysign(_reach(model, track) + 0.015 * size, place)
+                reach = _reach(model, track, float(state[track.coordinate]), place)
+                edge = math.copysign(1.0, place) * (reach + 0.015 * size)
             spot = track.at + (place + edge) * track.along + (0.05 * size) * track.across
             half, colour = (0.015 * size, STOP) if words == "end stop" else (0.004 * size, LIMIT)
             add_geom(scene, box, (half, 0.02 * size, tall), spot, colour, turned)
     return numbers
 
 
-def _reach(model: SimulatedModel, track: Track) -> float:
-    """Return how far what is on a slide goes ahead of its middle, as it is now [m]."""
+def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> float:
+    """Return how far what is on a slide, now here, goes beyond its place to one side [m]."""
     m, d, joint = model.mj_model, model.mj_data, track.coordinate
     own = [one for one in drawn_geoms(m) if m.geom_bodyid[one] == m.jnt_bodyid[joint]]
-    ahead = (corners(m, d, own) - d.xanchor[joint]) @ track.along
-    return float(ahead.max(initial=0.0))
+    beyond = (corners(m, d, own) - track.at) @ track.along - here
+    return float((math.copysign(1.0, side) * beyond).max(initial=-math.inf)) if own else 0.0
 
 
 def _spacing(wide: float) -> float:
@@ -161,9 +162,10 @@ def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
         one = int(m.actuator_trnid[i, 0])
         if m.actuator_trntype[i] == kind.mjTRN_SITE:
             turned = d.site_xmat[one].reshape(3, 3)
-            found.append((0, d.site_xpos[one].copy(), turned @ m.actuator_gear[i, :3]))
+            way = m.actuator_gainprm[i, 0] * (turned @ m.actuator_gear[i, :3])
+            found.append((0, d.site_xpos[one].copy(), way))
         else:
-            along(one, m.actuator_gear[i, 0])
+            along(one, m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
     for joint in range(m.njnt):
         along(joint, 1.0)
     return found

@@ -77,13 +77,14 @@ def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: F
     moving = [one for one in geoms if m.body_weldid[m.geom_bodyid[one]] > 0]
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
     rotations = np.empty((count, len(geoms), 3, 3))
-    around = np.empty((count, 8 * len(moving), 3))
+    bodies = [] if moving else np.flatnonzero(m.body_weldid).tolist()  # of what is not drawn
+    around = np.empty((count, 8 * len(moving) + len(bodies), 3))
     for k in posed(model, values, states):
         rotations[k] = d.geom_xmat[geoms].reshape(-1, 3, 3)
         for g, one in enumerate(geoms):
             _, sizes[k, g], middle = shape_of(m, one)
             centres[k, g] = d.geom_xpos[one] + rotations[k, g] @ middle
-        around[k] = corners(m, d, moving)
+        around[k] = np.concatenate([corners(m, d, moving), d.xipos[bodies]])
     return Poses(centres, rotations, sizes, around)
 
 
@@ -238,6 +239,7 @@ def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Tr
         is_rail = len(around) > 0 and m.body_jntnum[body] == 1
         if is_rail:
             at += float((around @ across).min()) * across
+        at -= m.qpos0[m.jnt_qposadr[k]] * along  # the model's own pose need not be at 0
         stop, most, target = stops.get(name), asked.max.get(name), scenario.target[k]
         places = [] if stop is None else [("end stop", -stop), ("end stop", stop)]
         places += [] if most is None else [("limit", target - most), ("limit", target + most)]

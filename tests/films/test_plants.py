@@ -12,9 +12,10 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.picture import draw_plots
 from afl_mujoco.films.replay import record
-from afl_mujoco.films.scene import open_scene
+from afl_mujoco.films.scene import Stage, open_scene, pose
 from afl_mujoco.films.video import make_films, side_by_side
 from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.simulation.decor import LIMIT, STOP, add_forces, add_tracks, drawn_model
 from tests.plants.plants import SMALL, known, small
 
 FPS = 20
@@ -128,3 +129,72 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, cam
         (path,) = scene.stage.paths
         assert (path.aims is None) == camera
         assert np.ptp(scene.draw(replay, 0, path)[0]) > 50
+
+
+SLIDER = """<mujoco><worldbody>{more}<body name="b">
+<joint name="x" type="slide" axis="1 0 0" ref="{ref}"/>
+<geom type="box" size=".1 .1 .1" pos="{at} 0 0" mass="1"/></body></worldbody>
+<actuator><general name="pull" joint="x" gainprm="-3"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("ref", "at"), [(0.0, 0.0), (0.0, 0.3), (0.5, 0.0)], ids=str)
+@pytest.mark.parametrize("here", [0.0, 0.6, -0.9])
+def test_end_stops_stand_where_what_moves_touches_them(ref, at, here):
+    plant = afl.Plant(name="slider", model=SLIDER.format(ref=ref, at=at, more=""),
+                      coordinates=("x",), inputs=("pull",))  # fmt: skip
+    scenario = afl.Scenario(
+        name="s", plant=plant, initial_state={"x": here}, duration=0.2,
+        imperfections=afl.Imperfections(end_stops={"x": 1.0}),
+        requirements=afl.Requirements(max={"x": 0.8}),
+    )  # fmt: skip
+    replay = record(scenario, still(plant), Deployed(), FPS)
+    stage = Stage.of([replay], FPS, SIZE, Frame())
+    pose(stage.model, replay, 0)
+    m, d = stage.model.mj_model, stage.model.mj_data
+    assert d.geom_xpos[0, 0] == pytest.approx(at + here - ref)  # MuJoCo's own
+    scene = mujoco.MjvScene(m, 100)
+    add_tracks(scene, stage.model, stage.rails, replay.state[0], 2.0)
+    boxes = [geom for geom in scene.geoms[: scene.ngeom]]
+    stops = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, STOP))
+    limits = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, LIMIT))
+    thick = 0.015 * m.stat.extent
+    touched = [at - ref - 1.1 - thick, at - ref + 1.1 + thick]
+    np.testing.assert_allclose(stops, touched, atol=1e-6)
+    np.testing.assert_allclose(limits, [-ref - 0.8, -ref + 0.8], atol=1e-6)
+
+
+def test_an_arrow_points_where_the_drive_pushes():
+    plant = afl.Plant(name="slider", model=SLIDER.format(ref=0, at=0, more=""),
+                      coordinates=("x",), inputs=("pull",))  # fmt: skip
+    model = drawn_model(afl.Scenario(name="s", plant=plant))
+    model.mj_data.ctrl[0] = 2.0
+    mujoco.mj_forward(model.mj_model, model.mj_data)
+    scene = mujoco.MjvScene(model.mj_model, 10)
+    add_forces(scene, model, np.array([2.0]), np.zeros(2))
+    (arrow,) = scene.geoms[: scene.ngeom]
+    assert np.sign(arrow.mat[0, 2]) == np.sign(model.mj_data.qacc[0]) == -1.0
+
+
+def test_rails_are_seen_by_a_camera_that_looks_along_another_axis():
+    camera = '<camera name="c" pos="5 0 0" xyaxes="0 1 0 0 0 1"/>'
+    text = SLIDER.format(ref=0, at=0, more=camera).replace('axis="1 0 0"', 'axis="0 1 0"')
+    plant = afl.Plant(name="slider", model=text, coordinates=("x",), inputs=("pull",))
+    scenario = afl.Scenario(name="s", plant=plant, duration=0.2)
+    replay = record(scenario, still(plant), Deployed(), FPS)
+    (rail,) = Stage.of([replay], FPS, SIZE, Frame()).rails
+    np.testing.assert_allclose(np.abs(rail.along), [0.0, 1.0, 0.0])
+
+
+@pytest.mark.parametrize(("name", "coordinate", "ghost"), [
+    ("adaptive-held", "", "ideal loop"), ("adaptive", "phi", ""), ("adaptive", "z", "ideal ODE"),
+    ("adaptive-angle", "", "ideal ODE"),
+])  # fmt: skip
+def test_what_the_equations_cannot_say_has_another_ghost(name, coordinate, ghost):
+    """A controller that remembers has one only where it is not the run itself."""
+    push = afl.ForcePulse(force=0.1, start=0.101, duration=0.01, coordinate=coordinate)
+    hardware = afl.Imperfections(delay=0.001) if ghost == "ideal loop" else afl.Imperfections()
+    scenario = afl.Scenario(name="s", disturbances=(push,), imperfections=hardware, duration=0.4)
+    replay = record(scenario, afl.CONTROLLERS[name], Deployed(), FPS)
+    assert replay.ghost == ghost and (replay.ideal is not None) == bool(ghost)
+    seen = replay.channels.any(axis=1)
+    assert seen.sum() == 5 and not seen[:3].any()  # 0.25 s, though it lies between two frames

@@ -3,11 +3,13 @@
 import dataclasses
 from functools import partial
 
+import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, declarations
 from tests.messages import line
 
 REAL = Imperfections(
@@ -77,3 +79,14 @@ def test_what_would_ignore_imperfections_refuses_it(simulate, name):
     real = afl.Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
     with pytest.raises(InvalidValueError, match=line(IGNORED)):
         simulate(real, "fixed")
+
+
+def test_a_plant_that_has_the_cart_pole_s_coordinates_is_not_the_cart_pole():
+    text = afl.Scenario(name="s").plant.model.read_text()
+    plant = afl.Plant(name="mine", model=text, coordinates=("z", "phi"), inputs=("force",),
+                      parameters={"load": afl.Parameter(1.0, "kg")},
+                      write=lambda p: {"body cart mass": p.load})  # fmt: skip
+    known = declarations(plant)
+    assert "tip_mass_share" not in known and "load_error" in known
+    mine = PythonController(name="mine", function=lambda t, x, p: p.load, plant=plant)
+    assert mine.command(0.0, np.zeros(4), np.array([3.0])) == 3.0

@@ -139,3 +139,15 @@ def test_a_run_that_diverged_to_what_is_no_number_is_drawn_until_then() -> None:
     state[-1] = np.nan
     data = replay_data(afl.Scenario(name="off", duration=2.0), {"lqr": (time, state)}, {})
     assert np.isfinite(decode(data["runs"][0]["aims"])).all() and np.isfinite(data["view"]).all()
+
+
+def test_a_plant_that_draws_nothing_has_a_replay_around_its_centres_of_mass() -> None:
+    bare = (
+        '<mujoco><worldbody><body><joint name="x" type="slide"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>'
+    )
+    plant = afl.Plant(name="bare", model=bare, coordinates=("x",))
+    scenario = afl.Scenario(name="bare", plant=plant, duration=1.0)
+    time = np.linspace(0.0, 1.0, 50)
+    data = replay_data(scenario, {"none": moving(time, time)}, {})
+    assert data["shapes"] == [] and min(data["view"]) > 0.0

@@ -332,3 +332,21 @@ def test_an_input_that_the_controller_leaves_alone_tolerates_everything():
     scenario = Scenario(name="two", plant=replace(TWO_CARTS, model=sprung))
     loop = under_test.linearize(controller, scenario)
     assert under_test.loop_margins(loop)[1] == under_test.UNTOUCHED
+
+
+@pytest.mark.parametrize("sensors", [
+    {}, {"velocity_filter": 1e-3}, {"differentiated": True},
+    {"differentiated": True, "velocity_filter": 2e-3},
+], ids=str)  # fmt: skip
+def test_a_wheel_that_only_spins_changes_no_margin(sensors):
+    """A pole falls at 9 s^-2; the torque spins a wheel whose angle nothing depends on."""
+    pole = Loop(np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([[0.0], [1.0]]),
+                np.array([[30.0, 8.0]]), coordinates=1)  # fmt: skip
+    a, b = np.zeros((4, 4)), np.array([[0.0], [0.0], [1.0], [-5.0]])
+    a[0, 2] = a[1, 3] = 1.0
+    a[2, 0], a[3, 3] = 9.0, -0.5
+    wheel = Loop(a, b, np.array([[30.0, 0.0, 8.0, 0.0]]), coordinates=2)
+    for period in (None, 0.01):
+        expected, found = (loop_margins(x, period, Imperfections(**sensors)) for x in (pole, wheel))
+        for one in asdict(expected):
+            assert getattr(found, one) == pytest.approx(getattr(expected, one), rel=1e-3)

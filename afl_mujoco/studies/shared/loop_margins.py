@@ -55,6 +55,8 @@ COARSE, FINE = 80, 40
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
+LEAK = 1e-5  # rate at which a coordinate returns that nothing depends on [1/s]
+
 MOST_PERIODS, PARTS = 100, 8
 """Periods of a delay margin beyond which its part within a period is not sought, and the parts of a
 period in which it is."""
@@ -210,8 +212,8 @@ def loop_margins(
     import control
 
     period, r = control_period, imperfections
-    if not (r.differentiated or r.velocity_filter):
-        loop = _without_idle(loop)
+    measured = period is not None and (r.differentiated or r.velocity_filter)
+    loop = _leaking(loop) if measured else _without_idle(loop)
     if period is None:
         if not loop.stable:
             return None
@@ -271,11 +273,25 @@ def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about:
     return about
 
 
-def _without_idle(loop: Loop) -> Loop:
-    """Return a loop without coordinates that nothing depends on, as of a wheel that only spins."""
+def _idle(loop: Loop) -> NDArray[np.bool_]:
+    """Return which states are coordinates that nothing depends on, as of a wheel that spins."""
     several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
-    kept = np.logical_or(*several) | (np.arange(len(loop.a)) >= loop.coordinates)
+    first = np.arange(len(loop.a)) < loop.coordinates
+    return np.asarray(first & ~np.logical_or(*several))
+
+
+def _without_idle(loop: Loop) -> Loop:
+    """Return a loop without the coordinates that nothing depends on."""
+    kept = ~_idle(loop)
     return replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
+
+
+def _leaking(loop: Loop) -> Loop:
+    """Return a loop whose idle coordinates return to 0, but hardly.
+
+    Sensors that difference positions need them, though only their differences count.
+    """
+    return replace(loop, a=loop.a - LEAK * np.diag(_idle(loop)))
 
 
 def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
