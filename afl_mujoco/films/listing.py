@@ -88,9 +88,9 @@ def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
 
 
 LEDE = (
-    "MuJoCo's plant as deployed, in real time. Its ghost is the ideal ODE, without "
-    "imperfections; there a controller in Python is held over each control period too, and any "
-    "other is continuous."
+    "MuJoCo's plant as deployed, in real time. Its ghost is the loop without imperfections: the "
+    "ideal ODE of the cart-pole, else MuJoCo; there a controller in Python or with a memory is "
+    "held over each control period too, and any other is continuous."
 )
 
 
