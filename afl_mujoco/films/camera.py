@@ -7,17 +7,15 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.poses import FLAT, corners, follow, kept, posed
 
 AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
 """By how much the camera looks past the plane of motion, and above the horizon [deg]: at a motion
 in a plane, and at any other."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.scenario.disturbances import Impulse, channel_of
-from afl_mujoco.scenario.parameters import labelled
+from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import LONGEST_STEP, Deployed
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
-from afl_mujoco.simulation.poses import PUSHED, between, changing
+from afl_mujoco.simulation.poses import PUSHED, between, changing, said_during
 from afl_mujoco.simulation.trajectory import Trajectory
 
 AFTERWARDS = 1.0
@@ -72,10 +72,7 @@ class Replay:
             return found
         apart = zip(plant.coordinates, np.abs(state - self.ideal[index]), strict=False)
         return found + [
-            (
-                f"|Δ{labelled(name, plant.units[name])}".replace(" [", "| ["),
-                f"{x:.0e}" if x else "0",
-            )
+            (labelled(f"|Δ{symbol(name)}|", plant.units[name]), f"{x:.0e}" if x else "0")
             for name, x in apart
         ]
 
@@ -149,17 +146,17 @@ def _ideal(
     """
     h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
     informed, plan = controller.without_estimator(), scenario.ideal
-    compiled = not (informed.interpreted or informed.stateful)
     along_z = all(one.coordinate in ("", "z") for one in plan.disturbances)
-    if plan.is_cart_pole and along_z and compiled:
-        return "ideal ODE", simulate_ode(plan, informed, sample_period=h)
-    if plan.is_cart_pole and along_z and informed.interpreted:
-        held = simulate_ode_held(plan, informed, timestep=h, control_period=period)
-        return "ideal ODE", held
+    if plan.is_cart_pole and along_z:
+        if informed.interpreted:
+            held = simulate_ode_held(plan, informed, timestep=h, control_period=period)
+            return "ideal ODE", held
+        if not informed.stateful:
+            return "ideal ODE", simulate_ode(plan, informed, sample_period=h)
     if plan == scenario:
         return "", None
     settings: Any = {"timestep": deployment.timestep, "integrator": deployment.integrator}
-    kept = None if compiled else period
+    kept = period if informed.interpreted or informed.stateful else None
     run = simulate_mujoco(plan, informed, "sampled", control_period=kept, **settings)
     return "ideal loop", run
 
@@ -172,8 +169,7 @@ def _seen_pushes(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.f
     plant = scenario.plant
     found = np.zeros((len(times), len(plant.inputs) + len(plant.coordinates)))
     for one in scenario.disturbances:
-        start, end = min(one.breakpoints), max(one.breakpoints)
+        start, end = said_during(one)
         force = one.momentum / PUSHED if isinstance(one, Impulse) else one.force
-        seen = (start <= times) & (times < max(end, start + PUSHED))
-        found[seen, channel_of(one, plant)] += force
+        found[(start <= times) & (times < end), channel_of(one, plant)] += force
     return found

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.errors import GraphicsError, InvalidValueError
 from afl_mujoco.films.camera import Frame, Standpoint, eye_of, project, scale_of, watch
 from afl_mujoco.films.replay import Replay
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import GREEK
 from afl_mujoco.simulation.decor import LARGEST, Colour, add_forces, add_tracks, drawn_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
@@ -22,7 +23,6 @@ from afl_mujoco.simulation.poses import Track, tracks
 SMALLEST = 128
 """Smallest side of a picture [px]."""
 
-Floats = NDArray[np.float64]
 Number = tuple[float, tuple[float, float]]
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
@@ -78,15 +78,14 @@ class Scene:
 
         With it come the numbers of rails [m], and where they are in the picture [px].
         """
-        pose(self.stage.model, replay, index)
-        self.renderer.update_scene(self.stage.model.mj_data, path.camera(index))
+        model = self.stage.model
+        pose(model, replay, index)
+        self.renderer.update_scene(model.mj_data, path.camera(index))
         scene, size = self.renderer.scene, (self.renderer.width, self.renderer.height)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
             scene.flags[flag] = False
-        scale = scale_of(scene, size, self.stage.model.mj_data.subtree_com[0])
-        wide = (
-            0.5 * size[0] / scale if scale > 0.0 else float(self.stage.model.mj_model.stat.extent)
-        )
+        scale = scale_of(scene, size, model.mj_data.subtree_com[0])
+        wide = 0.5 * size[0] / scale if scale > 0.0 else float(model.mj_model.stat.extent)
         marks = self.stage.add(scene, replay, index, wide)
         numbers = [(number, project(scene, size, place)) for number, place in marks]
         return np.asarray(self.renderer.render()), numbers

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -33,15 +34,15 @@ STOP: Colour = (0.84, 0.37, 0.0, 1.0)
 LIMIT: Colour = (1.0, 0.69, 0.4, 1.0)
 
 
-def drawn_model(scenario: Scenario, **settings: object) -> SimulatedModel:
+def drawn_model(scenario: Scenario, **settings: Any) -> SimulatedModel:
     """Return the model of a scenario's plant as it is drawn, and as `SimulatedModel` takes it.
 
     The cart-pole is in its scene; any other plant is what its MJCF says, and lit.
     """
     plant = scenario.plant
     if plant.model == model_file("cartpole.xml"):
-        return SimulatedModel(shown(plant, "scene.xml"), **settings)  # type: ignore[arg-type]
-    return SimulatedModel(plant, edit=_lit, **settings)  # type: ignore[arg-type]
+        return SimulatedModel(shown(plant, "scene.xml"), **settings)
+    return SimulatedModel(plant, edit=_lit, **settings)
 
 
 def _lit(spec: mujoco.MjSpec) -> None:
@@ -193,14 +194,10 @@ def _add_arrow(
     edge = 0.0
     if body and m.body_geomnum[body]:  # at the side of the body, not within it
         geom = int(m.body_geomadr[body])
-        edge = float(np.abs(ahead @ model.mj_data.geom_xmat[geom].reshape(3, 3)) @ _half(m, geom))
+        turned = model.mj_data.geom_xmat[geom].reshape(3, 3)
+        edge = float(np.abs(ahead @ turned) @ m.geom_aabb[geom, 3:])  # half its box
     start = place + edge * ahead if colour == FORCE else place - (edge + length) * ahead
     kind = mujoco.mjtGeom.mjGEOM_ARROW
     geom = add_geom(scene, kind, (1.0, 1.0, 1.0), np.zeros(3), colour)
     end = start + 2.0 * length * ahead  # MuJoCo draws it half as long
     mujoco.mjv_connector(geom, kind, 0.012 * size, start, end)
-
-
-def _half(m: mujoco.MjModel, geom: int) -> Floats:
-    """Return the half-size of a geom's box [m]."""
-    return np.array(m.geom_aabb[geom, 3:])

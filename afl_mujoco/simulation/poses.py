@@ -15,6 +15,7 @@ from scipy.ndimage import gaussian_filter1d
 from afl_mujoco.plants.library import write_row
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.report.style import colours
+from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
 
@@ -186,10 +187,7 @@ def replay_data(
             {"name": name, "unit": unit, "values": encode(x)}
             for name, unit, x in changing(scenario.plant, scenario.values(times[longest]))
         ],
-        "pushes": [
-            [min(one.breakpoints), max(*one.breakpoints, min(one.breakpoints) + PUSHED)]
-            for one in scenario.disturbances
-        ],
+        "pushes": [[*said_during(one)] for one in scenario.disturbances],
         "runs": [
             {
                 "controller": name,
@@ -203,6 +201,12 @@ def replay_data(
             for (name, one), aim in zip(found.items(), aims, strict=True)
         ],
     }
+
+
+def said_during(one: ForcePulse | Impulse) -> tuple[float, float]:
+    """Return when a disturbance is said to begin and to end [s]: after `PUSHED` at least."""
+    start = min(one.breakpoints)
+    return start, max(*one.breakpoints, start + PUSHED)
 
 
 def between(time: Floats, states: Floats, times: Floats) -> Floats:

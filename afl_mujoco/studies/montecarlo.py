@@ -50,8 +50,8 @@ if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
 
 LABORATORY = "laboratory"
-WHOLE, QUICK = (1000, 30), (100, 5)
-"""Number of samples, and of generations of each search, unless given otherwise."""
+SAMPLES, GENERATIONS = 1000, 30  # number of samples, and of generations of each search
+QUICK = 100, 5  # the same of a quick study
 
 FOLDER = "montecarlo"  # folder of the scenario files; it holds a folder for each controller
 
@@ -104,7 +104,7 @@ class Request(NamedTuple):
     controllers: Sequence[Controller]
     names: Sequence[str]  # by which the controllers were asked for
     assumed: bool = False  # whether the scenario does not say what varies
-    samples: int = WHOLE[0]
+    samples: int = SAMPLES
     seed: int = 1
     deployed: Deployed = Deployed()
     budget: Budget | None = None  # of the searches, if there are any
@@ -130,7 +130,7 @@ def prepare(options: Options) -> Request:
 
     from afl_mujoco.control.catalogue import find_controller
 
-    names, default = chosen(o.controllers, [asked]), QUICK if o.quick else WHOLE
+    names, default = chosen(o.controllers, [asked]), QUICK if o.quick else (SAMPLES, GENERATIONS)
     samples, generations = (
         usual if given is None else given
         for given, usual in zip((o.samples, o.generations), default, strict=True)
@@ -144,8 +144,9 @@ def prepare(options: Options) -> Request:
 
         side_by_side(space.scenario, controllers[:1])  # raises if it is too short
     return Request(
-        space, controllers, names, asked.ranges == FIXED, samples, o.seed, deployed,
-        budget if o.worst_case else None, o.film,
+        space=space, controllers=controllers, names=names, assumed=asked.ranges == FIXED,
+        samples=samples, seed=o.seed, deployed=deployed,
+        budget=budget if o.worst_case else None, film=o.film,
     )  # fmt: skip
 
 

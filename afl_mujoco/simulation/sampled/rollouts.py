@@ -102,11 +102,6 @@ class Rollout(NamedTuple):
     requirements: tuple[Judgement, ...]
     trajectory: Trajectory | None  # where it is kept
 
-    @property
-    def failure(self) -> str:
-        """How it failed, from `failure_of`; empty if it met every requirement."""
-        return failure_of(self.outcome.kind, self.requirements)
-
 
 def run_rollouts(
     scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],

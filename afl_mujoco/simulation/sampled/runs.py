@@ -154,8 +154,10 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     if at_site.any():
         rule = "must name a coordinate: this input does not act on one joint"
         raise InvalidValueError("impulse on an input", rule)
-    joins = _joins(scenario, times)
-    return loop.Profile(rows, which, push, beside, impulse, held.split, joins, drift, kicks)
+    return loop.Profile(
+        rows=rows, which=which, push=push, beside=beside, impulse=impulse, split=held.split,
+        joins=_joins(scenario, times), drift=drift, kicks=kicks,
+    )  # fmt: skip
 
 
 def _joins(scenario: Scenario, times: Floats) -> NDArray[np.int64]:
