@@ -47,7 +47,7 @@ _SPARE = ("#E3002C", "#44AA99", "#DDCC77", "#88CCEE", GREY)  # the first: one's 
 
 _LINES: tuple[Any, ...] = ("-", (0.0, (7.0, 1.5)), (0.0, (4.0, 1.5, 1.0, 1.5)), (0.0, (1.5, 1.2)))
 
-TIME, MASS, LENGTH = "time t [s]", "cart mass M [kg]", "half-length l [m]"
+TIME = "time t [s]"
 
 PNG_DPI = 130
 

@@ -510,21 +510,6 @@ class Scenario:
             math.fsum(one.momentum for one in some if start <= one.time < end) for some in acting
         )
 
-    def pushes(self, times: Floats) -> Floats:
-        """Return the disturbing forces [N, N m] at many times, shape (N, channels).
-
-        Parameters
-        ----------
-        times
-            Times [s], shape (N,).
-        """
-        pulses = [d for d in self.disturbances if isinstance(d, ForcePulse)]
-        edges = sorted({edge for pulse in pulses for edge in pulse.breakpoints})
-        none = (0.0,) * len(channels_of(self.plant))
-        levels = np.array([none, *(self.push_at(edge) for edge in edges)])
-        found: Floats = levels[np.searchsorted(edges, times, side="right")]
-        return found
-
     @property
     def ideal(self) -> Scenario:
         """The same without imperfections, and controllers told the truth."""

@@ -10,14 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.report.style import BLACK, LENGTH, MASS, SKY, TIME, new_figure, styled
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.report.style import BLACK, SKY, TIME, new_figure, styled
+from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.simulation.trajectory import Layout, Trajectory
 
-_WORDS = {
-    "z": "cart position z", "z_dot": "cart velocity z′", "phi": "pole angle φ",
-    "phi_dot": "pole rate φ′", "force": "force F", "cart_mass": MASS, "half_length": LENGTH,
-}  # fmt: skip
 _STYLES: tuple[dict[str, Any], ...] = (
     {"color": SKY, "linewidth": 2.6},
     {"color": BLACK, "linewidth": 0.9, "linestyle": (0.0, (4.0, 3.0))},
@@ -38,8 +34,6 @@ def draw_runs(runs: Sequence[Trajectory], title: str) -> Figure:
             if pale is not None:
                 axis.plot(run.time, pale, **style | {"linewidth": 0.6, "alpha": 0.5})
             axis.set_ylabel(label)
-            if label in (MASS, LENGTH):
-                axis.set_ylim(bottom=0.0)
     for axis in axes:
         axis.margins(x=0.01)
     for axis in axes[-2:]:
@@ -66,19 +60,16 @@ def _panels(run: Trajectory) -> list[_Panel]:
     found: list[_Panel] = []
     for i, name in enumerate(layout.coordinates):
         for column, state in ((i, name), (n + i, f"{name}_dot")):
-            found.append((_label(state, layout), run.state[:, column], None))
+            label = labelled(state, layout.units.get(state, ""))
+            found.append((label, run.state[:, column], None))
     for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
-        label = f"{_label(name, layout)} (thin: command)"
-        found.append((label, force, None if np.array_equal(force, command) else command))
+        label, differs = labelled(name, layout.units.get(name, "")), (force != command).any()
+        told = f"{label} (thin: command)" if differs else label
+        found.append((told, force, command if differs else None))
     found += [(name, values, None) for name, values in run.signals.items()]
-    changing = {name: x for name, x in run.parameters.items() if np.ptp(x) or name in _WORDS}
-    return [*found, *((_label(name, layout), x, None) for name, x in changing.items())]
-
-
-def _label(name: str, layout: Layout) -> str:
-    words = _WORDS.get(name, symbol(name))
-    unit = layout.units.get(name, "")
-    return f"{words} [{unit}]" if unit and "[" not in words else words
+    changing = {name: x for name, x in run.parameters.items() if np.ptp(x)}
+    labels = (labelled(name, layout.units.get(name, "")) for name in changing)
+    return [*found, *((label, x, None) for label, x in zip(labels, changing.values(), strict=True))]
 
 
 def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory, layout: Layout) -> None:

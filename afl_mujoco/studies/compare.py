@@ -14,8 +14,6 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import UnknownNameError, require_count
-from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.blocks import Block, Figure, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
@@ -421,7 +419,7 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
 
     def panel(name: str, values: Mapping[str, Array], **more: Any) -> Panel:
         return Panel(
-            label=_label(name, plant),
+            label=labelled(name, plant.units.get(name, "")),
             curves={one: (runs[one].time, x) for one, x in values.items()},
             limits=[asked.max[x] for x in (name, f"{name}_command") if x in asked.max],
             **more,
@@ -446,19 +444,13 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
         instants = np.array(scenario.breakpoints)
         around = np.concatenate([np.nextafter(instants, 0.0), instants])
         time = np.unique([*np.linspace(0.0, scenario.duration, 500), *around])
-        table = {_label(name, plant): (time, scenario.schedule[name](time)) for name in shown}
+        table = {
+            labelled(name, plant.units.get(name, "")): (time, scenario.schedule[name](time))
+            for name in shown
+        }
         panels.append(Panel(label="plant", curves=table, black=True))
     pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
     return curves(panels, scenario.duration, shaded=pushes)
-
-
-_WORDS = {"z": "cart position z", "phi": "pole angle φ", "force": "force F",
-          "cart_mass": "M", "half_length": "l"}  # fmt: skip
-
-
-def _label(name: str, plant: Plant) -> str:
-    words = _WORDS.get(name, name) if plant is CART_POLE else name
-    return labelled(words, plant.units.get(name, ""))
 
 
 def films(result: Result, command: str) -> list[Film]:

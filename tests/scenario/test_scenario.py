@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 import pytest
 
 from afl_mujoco import Scenario, staircase, trapezoid
@@ -55,8 +54,6 @@ def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):
 
 def test_a_pulse_acts_from_its_start_to_just_before_its_end():
     scenario = Scenario(name="x", disturbances=(PULSE,))
-    times = np.array([1.999, 2.0, 2.499, 2.5])
-    assert scenario.pushes(times)[:, 0].tolist() == [0.0, -10.0, -10.0, 0.0]
     assert [(s.start, s.push[0]) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
 
 

@@ -341,7 +341,7 @@ def acts_alike(policy, environment, predict) -> int:
     (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
     (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
      "must be frozen: set update_running_mean = False"),
-    (lambda w, e: gymnasium.make_vec(IDS[0], 2), "environment of a policy must be a ScenarioEnv or"),
+    (lambda w, e: gymnasium.make_vec(IDS[0], 2), "environment of a policy must be a Scenario"),
 ], ids=["frames", "time", "sticky", "learning", "vector"])  # fmt: skip
 def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
