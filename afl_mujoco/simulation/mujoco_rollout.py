@@ -102,13 +102,15 @@ def line_of(
     course, drift = np.empty((len(model.addresses.targets), 0)), np.empty((0, 0))
     thing = f"write of plant {model.plant.name!r}"
     if rates.any():
-        course = _course(thing, model.rows, values, rates * length, SMOOTH)
+        drawn = [one.kind == "geom" for one in model.writer.targets]  # no mass is inferred of it
+        smooth = np.where(drawn, np.inf, SMOOTH)
+        course = _course(thing, model.rows, values, rates * length, smooth)
     if acting.any():
 
         def moving(p: Floats) -> Floats:
             return model.writer.drift(p, np.tile(acting, (len(p), 1))).reshape(len(p), -1)
 
-        drift = _course(thing, moving, values, rates * length, SMOOTH_DRIFT)
+        drift = _course(thing, moving, values, rates * length, np.array(SMOOTH_DRIFT))
     model.write(values)
     return Line(segment.start, values, rates, course, length, push[0], drift)
 
@@ -122,7 +124,7 @@ def acting_rates(plant: Plant, rates: Floats, change: ParameterChange = PAPERS_C
 
 def _course(
     thing: str, table: Callable[[Floats], Floats],
-    values: Floats, step: Floats, smooth: float,
+    values: Floats, step: Floats, smooth: Floats,
 ) -> Floats:  # fmt: skip
     """Return a table from some parameters on, a step further, as Chebyshev polynomials."""
     between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))

@@ -243,3 +243,17 @@ def test_a_length_that_jumps_though_its_rate_enters_is_remarked_on() -> None:
     own = afl.Scenario(name="jump", plant=CRANE, duration=1.0, schedule={"length": jump})
     (remark, *_) = remarks_on(afl.simulate_mujoco(own, off), own, as_controller(off))
     assert remark.startswith("length jumps at 0.5 s, which only a ramp can make do work")
+
+
+def test_a_kink_along_a_ramp_is_refused_unless_only_the_drawing_has_it() -> None:
+    def run(**kinked) -> afl.Trajectory:
+        def write(p):
+            kink = 0.1 + abs(p.half_length - 0.6)
+            return {**cart_pole.write(p), **{x.replace("_", " "): kink for x in kinked}}
+
+        own = scenario(replace(cart_pole, name="kinked", write=write, origin=""))
+        return afl.simulate_mujoco(own, hold, mode="exact")
+
+    np.testing.assert_array_equal(run(geom_pole_size_0=True).state, run().state)
+    with pytest.raises(InvalidValueError, match="must be smooth in the parameters along a ramp"):
+        run(body_pole_pos_0=True)
