@@ -10,7 +10,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.plants.plant import Parameter, Plant, Shape
+from afl_mujoco.plants.plant import Parameter, Plant, Shape, known_as
 
 CART_HALF_SIZE = (0.2, 0.15, 0.1)
 """Half-size of the cart's box [m]; its inertia is that of a uniform box, but it never rotates."""
@@ -64,24 +64,26 @@ def write(p: Any) -> dict[str, Any]:
     }
 
 
-CART_POLE = Plant(
-    name="cart-pole",
-    model=model_file("cartpole.xml"),
-    coordinates=("z", "phi"),
-    inputs=("force",),
-    parameters={
-        "cart_mass": Parameter(1.0, "kg", low=0.1, high=2.0),
-        "pole_mass": Parameter(0.05, "kg", low=0.01, high=1.0),
-        "half_length": Parameter(0.5, "m", low=0.05, high=1.0),
-        "gravity": Parameter(9.81, "m/s²", low=1.0, high=20.0),
-    },
-    write=write,
-    upright=(0.0, 0.0),
-    wraps=("phi",),
-    start=(0.0, -math.pi / 3, 0.0, 0.0),
-    ends_at={"phi": FALL_ANGLE},
-    details={"tip_mass_share": 0.0, "pole_radius": 0.0},
-    origin="afl_mujoco.plants.cartpole:CART_POLE",
+CART_POLE = known_as(
+    Plant(
+        name="cart-pole",
+        model=model_file("cartpole.xml"),
+        coordinates=("z", "phi"),
+        inputs=("force",),
+        parameters={
+            "cart_mass": Parameter(1.0, "kg", low=0.1, high=2.0),
+            "pole_mass": Parameter(0.05, "kg", low=0.01, high=1.0),
+            "half_length": Parameter(0.5, "m", low=0.05, high=1.0),
+            "gravity": Parameter(9.81, "m/s²", low=1.0, high=20.0),
+        },
+        write=write,
+        upright=(0.0, 0.0),
+        wraps=("phi",),
+        start=(0.0, -math.pi / 3, 0.0, 0.0),
+        ends_at={"phi": FALL_ANGLE},
+        details={"tip_mass_share": 0.0, "pole_radius": 0.0},
+    ),
+    "afl_mujoco.plants.cartpole:CART_POLE",
 )
 """The plant of a scenario that names none."""
 

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import jitable
 from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.plant import known_as
 
 if TYPE_CHECKING:
     from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -43,32 +44,6 @@ def pole_acceleration(phi, phi_dot, force, cart_mass, pole_mass, half_length, gr
     return (weight + (force - centripetal) * np.cos(phi)) / (
         half_length * determinant(phi, cart_mass, pole_mass)
     )
-
-
-@jitable
-def stretching_accelerations(
-    phi, phi_dot, force, cart_mass, pole_mass, half_length, gravity, half_length_rate
-):
-    """Return (z'', phi'') of a rod that stretches at a prescribed rate (decision D9).
-
-    The paper freezes M and l in (P1) and (P2) at each instant. With the rate l' of the half-length,
-    uniform stretch, they are
-
-        (M+m) z'' - m l phi'' c + m l s phi'^2 = F + m (2 l' phi' c + l'' s)
-        (4/3) m l^2 phi'' - m l c z'' - m g l s = -(8/3) m l l' phi'
-
-    with c, s = cos(phi), sin(phi). Here l is piecewise linear: between breakpoints l'' = 0, and a
-    kink of l gives the cart the impulse m s (change of l').
-    """
-    sin, cos = np.sin(phi), np.cos(phi)
-    d = determinant(phi, cart_mass, pole_mass)
-    cart = force + pole_mass * phi_dot * (
-        2.0 * half_length_rate * cos - half_length * phi_dot * sin
-    )
-    pole = pole_mass * (gravity * sin - 8.0 / 3.0 * half_length_rate * phi_dot)
-    z_ddot = (4.0 / 3.0 * cart + cos * pole) / d
-    phi_ddot = ((cart_mass + pole_mass) * pole / pole_mass + cos * cart) / (half_length * d)
-    return z_ddot, phi_ddot
 
 
 def acceleration(
@@ -101,7 +76,17 @@ def _accelerations(q: Any, v: Any, u: Any, p: Any) -> tuple[Any, Any]:
     return cart_acceleration(*given), pole_acceleration(*given)
 
 
-plant = replace(CART_POLE, accelerations=_accelerations, origin="cart-pole")
+def terms(q: Any, v: Any, p: Any) -> Any:
+    """Return M, h and B of M v' + h = B u, the coefficients of (P2) and (P1)."""
+    coupling = -p.pole_mass * p.half_length * np.cos(q[1])
+    pole = 4.0 / 3.0 * p.pole_mass * p.half_length**2
+    mass = ((p.cart_mass + p.pole_mass, coupling), (coupling, pole))
+    centripetal = p.pole_mass * p.half_length * v[1] ** 2 * np.sin(q[1])
+    weight = p.pole_mass * p.gravity * p.half_length * np.sin(q[1])
+    return mass, (centripetal, -weight), ((1.0,), (0.0,))
+
+
+plant = known_as(replace(CART_POLE, accelerations=_accelerations), CART_POLE.name)
 
 
 def mass_matrix(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.float64]:
@@ -119,18 +104,16 @@ def mass_matrix(state: ArrayLike, parameters: CartPoleParameters) -> NDArray[np.
     ndarray
         Shape (..., 2, 2), symmetric [kg, kg m; kg m, kg m^2].
     """
-    phi = np.asarray(state, dtype=np.float64)[..., 1]
-    p = parameters
-    matrix = np.empty((*phi.shape, 2, 2))
-    matrix[..., 0, 0] = p.cart_mass + p.pole_mass
-    matrix[..., 0, 1] = matrix[..., 1, 0] = -p.pole_mass * p.half_length * np.cos(phi)
-    matrix[..., 1, 1] = 4.0 / 3.0 * p.pole_mass * p.half_length**2
+    q = np.moveaxis(np.asarray(state, dtype=np.float64), -1, 0)[:2]
+    mass, _, _ = terms(q, np.zeros(2), parameters)
+    matrix = np.empty((*q[1].shape, 2, 2))
+    for i, row in enumerate(mass):
+        for j, value in enumerate(row):
+            matrix[..., i, j] = value
     return matrix
 
 
-def velocity_jump(
-    state: ArrayLike, impulse: float, parameters: CartPoleParameters
-) -> NDArray[np.float64]:
+def velocity_jump(state: ArrayLike, impulse: float, parameters: Any) -> NDArray[np.float64]:
     """Return the jump of (z_dot, phi_dot) that an ideal impulse on the cart [N s] causes."""
     matrix = mass_matrix(state, parameters)
     push = np.zeros((*matrix.shape[:-1], 1))

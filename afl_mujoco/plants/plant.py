@@ -263,7 +263,8 @@ class Plant:
     start: Sequence[float] | None = None
     ends_at: Mapping[str, float] = field(default_factory=dict)
     details: Mapping[str, float] = field(default_factory=dict)
-    origin: str = field(default="", repr=False)  # what `load_plant` takes, if it was loaded
+    # what `load_plant` takes, if it was loaded; one that is made of another has none
+    origin: str = field(default="", init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
@@ -365,6 +366,15 @@ class Plant:
         return np.array([one.rate == "enters" for one in self.parameters.values()], dtype=np.bool_)
 
     @property
+    def changes(self) -> dict[str, str]:
+        """What changes of parameters do, for provenance."""
+        keeps = any(one.jump == "momenta" for one in self.parameters.values())
+        return {
+            "dynamics": "rates enter" if self.entering.any() else "quasi-static",
+            "jumps": "momenta" if keeps else "velocities",
+        }
+
+    @property
     def has_equations(self) -> bool:
         """Whether it says what it should obey."""
         return self.accelerations is not None or self.terms is not None
@@ -456,6 +466,12 @@ KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 """Plants by name: the cart-pole of the paper is that of a scenario that names none."""
 
 
+def known_as(plant: Plant, origin: str) -> Plant:
+    """Return a plant that says where another process, and a reader of a result, finds it."""
+    object.__setattr__(plant, "origin", origin)
+    return plant
+
+
 @cache
 def _loaded(origin: str) -> Plant:
     return load_plant(origin)
@@ -481,11 +497,10 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         raise UnknownNameError.among("plant", attribute, plants).within(f"{place}: ")
     if not isinstance(found, Plant):
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
-    if not found.origin:  # where another process, and a reader of a result, finds it
-        file = (here / Path(place).expanduser()).absolute()
-        origin = f"{file}:{attribute}" if place.endswith(".py") else spec
-        object.__setattr__(found, "origin", origin)
-    return found
+    if found.origin:
+        return found
+    file = (here / Path(place).expanduser()).absolute()
+    return known_as(found, f"{file}:{attribute}" if place.endswith(".py") else spec)
 
 
 def _run_file(path: Path) -> ModuleType:

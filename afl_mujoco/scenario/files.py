@@ -21,7 +21,7 @@ import tomli_w
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json, write_text
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.plant import Parameter, Plant, load_plant
+from afl_mujoco.plants.plant import Parameter, Plant, known_as, load_plant
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
@@ -326,11 +326,11 @@ def _plant(given: str | _Names | None, folder: Path | None) -> Plant:
     units = given.units
     values = {name: Parameter(x, units.get(name, "")) for name, x in given.parameters.items()}
     table = {one.name: getattr(given, one.name) for one in fields(given)}
-    del table["units"]
+    del table["units"], table["origin"]
     names = dict.fromkeys(given.signals, float)
     known = Plant(**{**table, "parameters": values, "signals": names}, model="<mujoco/>")
     object.__setattr__(known, "units", units)
-    return known
+    return known_as(known, given.origin)
 
 
 def _knots(schedule: Schedule) -> Any:

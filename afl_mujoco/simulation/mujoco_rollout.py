@@ -15,7 +15,6 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameters import QUASI_STATIC, VELOCITIES, ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import Deployed, ticks_of, time_grid
 from afl_mujoco.simulation import integrator as dop853
@@ -46,8 +45,6 @@ from afl_mujoco.simulation.trajectory import (
     controller_inputs,
     criterion_of,
 )
-
-PAPERS_CHANGE = ParameterChange()
 
 
 class Line(NamedTuple):
@@ -88,12 +85,10 @@ SMOOTH = 1e-14
 SMOOTH_DRIFT = 1e-11  # the same of how bodies move in their frames, which is known by differences
 
 
-def line_of(
-    model: SimulatedModel, segment: Segment, change: ParameterChange = PAPERS_CHANGE
-) -> Line:
+def line_of(model: SimulatedModel, segment: Segment) -> Line:
     """Return the parameters of a segment as compiled code takes them."""
     values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
-    acting = acting_rates(model.plant, rates, change)
+    acting = acting_rates(model.plant, rates)
     push, beside = model.generalised(np.array([segment.push]))
     if beside.any():
         rule = "must name a coordinate in this mode: its input does not act on one joint"
@@ -115,10 +110,8 @@ def line_of(
     return Line(segment.start, values, rates, course, length, push[0], drift)
 
 
-def acting_rates(plant: Plant, rates: Floats, change: ParameterChange = PAPERS_CHANGE) -> Floats:
+def acting_rates(plant: Plant, rates: Floats) -> Floats:
     """Return the rates of parameters that act on the motion, 0 for the others."""
-    if change.stretching:  # the cart-pole's rod (D9)
-        return np.where([name == "half_length" for name in plant.parameters], rates, 0.0)
     return np.where(plant.entering, rates, 0.0)
 
 
@@ -225,7 +218,6 @@ def solver(
     model: SimulatedModel,
     scenario: Scenario,
     controller: Controller,
-    change: ParameterChange,
     mode: str,
 ) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
@@ -234,7 +226,7 @@ def solver(
     criterion = criterion_of(scenario)
 
     def solve(segment: Segment, *rest: Any) -> Any:
-        loop = model.addresses, line_of(model, segment, change), space, laws.along(segment)
+        loop = model.addresses, line_of(model, segment), space, laws.along(segment)
         with laws.watched():
             return integrated(loop, criterion, segment.start, segment.end, *rest)
 
@@ -245,7 +237,6 @@ def closed_loop(
     model: SimulatedModel,
     scenario: Scenario,
     controller: Controller,
-    change: ParameterChange = PAPERS_CHANGE,
 ) -> Derivative:
     """Return the right-hand side of the same loop for an integrator in Python."""
     laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
@@ -254,7 +245,7 @@ def closed_loop(
     def derivative(time: float, state: Floats, segment: Segment) -> Any:
         if segment not in lines:
             lines.clear()
-            lines[segment] = line_of(model, segment, change)
+            lines[segment] = line_of(model, segment)
         loop = model.addresses, lines[segment], space, laws.along(segment)
         x, rates = np.array(state[: 2 * n]), np.empty(2 * n)
         with laws.watched():
@@ -264,9 +255,7 @@ def closed_loop(
     return derivative
 
 
-def transition(
-    model: SimulatedModel, scenario: Scenario, change: ParameterChange = PAPERS_CHANGE
-) -> Transition:
+def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
     """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
     n = model.addresses.n
 
@@ -279,10 +268,10 @@ def transition(
         if before is not None:
             ends = before.values_at(before.end), after.values_at(after.start)
             rates = [
-                acting_rates(model.plant, np.array([rate for _, rate in one.lines]), change)
+                acting_rates(model.plant, np.array([rate for _, rate in one.lines]))
                 for one in (before, after)
             ]
-            if change.keeps_momenta or after.start in scenario.joins:
+            if after.start in scenario.joins:
                 kept = _carried(model, ends, rates, state)
                 model.write(ends[0])
                 kept += momenta(model, state)
@@ -340,8 +329,6 @@ def simulate_mujoco(
     timestep: float | None = None,
     control_period: float | None = None,
     integrator: str = "RK4",
-    dynamics: str = QUASI_STATIC,
-    jumps: str = VELOCITIES,
     edit: Callable[[mujoco.MjSpec], None] | None = None,
 ) -> Trajectory:
     """Simulate a plant in MuJoCo under a controller, its parameters changed while it runs.
@@ -371,9 +358,6 @@ def simulate_mujoco(
         ``"implicitfast"``.
     edit
         Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
-    dynamics, jumps
-        What a change of M and l does, as in `ParameterChange`; sampled mode supports only the
-        paper's.
 
     Returns
     -------
@@ -386,8 +370,7 @@ def simulate_mujoco(
         If there is no scenario, controller, mode or integrator of that name.
     InvalidValueError
         If the step is not positive or does not divide the control period, if the scenario has
-        imperfections or the controller a memory and the mode is not sampled, or if the mode or the
-        plant does not take `dynamics` and `jumps`.
+        imperfections or the controller a memory and the mode is not sampled.
 
     Examples
     --------
@@ -414,23 +397,18 @@ def simulate_mujoco(
     model.write(scenario.values_at(0.0))
     if edit is None:  # an edit may have added what would be left out
         model.compute_only()
-    change = ParameterChange(dynamics=dynamics, jumps=jumps)
     if mode == "sampled":
-        if not change.is_the_papers:
-            raise InvalidValueError("dynamics and jumps", "must be the paper's in sampled mode")
         deployed = Deployed(integrator, timestep, control_period)
         return simulate_sampled(scenario, controller, deployed, model=model)
-    if not (change.is_the_papers or scenario.is_cart_pole):
-        raise InvalidValueError("dynamics and jumps", "are of the cart-pole")
     times = time_grid(scenario, ticks.timestep)
     # raises before the run if a gain is not positive
     controller_inputs(scenario, controller, times)
-    settings = {"timestep": ticks.timestep, **change.describe()}
+    settings = {"timestep": ticks.timestep, **scenario.plant.changes}
     nodes = {}  # a fixed step crosses them
     if mode == "exact":
         settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
         nodes = controller.nodes_within(scenario.spans)
-    loop = solver(model, scenario, controller, change, mode)
-    arrive = transition(model, scenario, change)
+    loop = solver(model, scenario, controller, mode)
+    arrive = transition(model, scenario)
     states, outcome = integrate(scenario, loop, arrive, times, nodes=nodes)
     return assemble(scenario, controller, f"mujoco {mode}", settings, times, states, outcome)

@@ -13,11 +13,10 @@ from afl_mujoco.compiled import Callback, borrowing_kernel, call, jitable, kerne
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.cartpole_equations import (
     cart_acceleration,
-    mass_matrix,
     pole_acceleration,
-    stretching_accelerations,
     velocity_jump,
 )
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
@@ -25,12 +24,6 @@ from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.parameters import (
-    QUASI_STATIC,
-    VELOCITIES,
-    CartPoleParameters,
-    ParameterChange,
-)
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation import integrator as dop853
@@ -59,8 +52,6 @@ from afl_mujoco.simulation.trajectory import (
 
 SAMPLE_PERIOD = 1e-3  # spacing of the reported instants [s]
 
-PAPERS_CHANGE = ParameterChange()
-
 
 def simulate_ode(
     scenario: Scenario | str | Path,
@@ -70,8 +61,6 @@ def simulate_ode(
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
-    dynamics: str = QUASI_STATIC,
-    jumps: str = VELOCITIES,
     trees: Trees | None = None,
 ) -> Trajectory:
     """Simulate the equations of a plant, by default the paper's, restarted at every breakpoint.
@@ -86,11 +75,6 @@ def simulate_ode(
         Spacing of the reported instants [s]; breakpoints are reported as well.
     method, rtol, atol
         Method and tolerances of `scipy.integrate.solve_ivp`.
-    dynamics
-        ``"quasi-static"``: M and l are frozen at each instant, as in the paper;
-        ``"stretching-rod"``: the equations have the terms with the rate of l (decision D9).
-    jumps
-        What a step of M or l keeps: ``"velocities"``, as in the paper, or ``"momenta"``.
     trees
         The plant as a tree of bodies, for parameters whose rates enter: what
         `afl_mujoco.simulate_ode` gives.
@@ -103,7 +87,7 @@ def simulate_ode(
     Raises
     ------
     UnknownNameError
-        If there is no scenario, controller, method, dynamics or jumps of that name.
+        If there is no scenario, controller or method of that name.
     InvalidValueError
         If the scenario has imperfections, the controller a memory, the plant no equations, or a
         period or tolerance is not positive.
@@ -115,12 +99,12 @@ def simulate_ode(
     >>> str(run.outcome)
     'completed'
     """
-    change, scenario = ParameterChange(dynamics=dynamics, jumps=jumps), as_scenario(scenario)
+    scenario = as_scenario(scenario)
     controller = as_controller(controller)
     settings: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
     settings["sample_period"] = sample_period
-    solved = solve_ode(scenario, controller, change=change, trees=trees, **settings)
-    return assemble(scenario, controller, "ode", settings | change.describe(), *solved)
+    solved = solve_ode(scenario, controller, trees=trees, **settings)
+    return assemble(scenario, controller, "ode", settings | scenario.plant.changes, *solved)
 
 
 def solve_ode(
@@ -132,7 +116,6 @@ def solve_ode(
     rtol: float = RTOL,
     atol: float = ATOL,
     longest_step: float | None = None,
-    change: ParameterChange = PAPERS_CHANGE,
     trees: Trees | None = None,
 ) -> tuple[Floats, Floats, Outcome]:
     """Return only the times [s], the states reached and the outcome of `simulate_ode`."""
@@ -143,7 +126,7 @@ def solve_ode(
     controller_inputs(scenario, controller, times)
     criterion = criterion_of(scenario)
     require_tolerances(method, rtol, atol)
-    loop = Loop(scenario, change, trees, controller)
+    loop = Loop(scenario, trees, controller)
     solver = loop.solver(criterion, rtol, atol, longest_step)
     if method != "DOP853":
         longest = longest_step_of(scenario)
@@ -176,7 +159,6 @@ class Line(NamedTuple):
     values: Floats  # parameters at its start, (parameters,)
     rates: Floats  # and their rates [1/s]
     push: Floats  # disturbing forces on inputs, then along coordinates, (k + n,)
-    stretch: Floats  # rate of l that acts on the cart-pole's rod (D9) [m/s], (1,)
 
 
 class Space(NamedTuple):
@@ -189,11 +171,10 @@ class Space(NamedTuple):
     drag: Floats  # (n,)
 
 
-def line_of(segment: Segment, change: ParameterChange) -> Line:
+def line_of(segment: Segment) -> Line:
     """Return what is prescribed along a segment, as compiled code takes it."""
     values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
-    stretch = np.array([rates[2] if change.stretching else 0.0])
-    return Line(segment.start, values, rates, np.array(segment.push), stretch)
+    return Line(segment.start, values, rates, np.array(segment.push))
 
 
 @jitable
@@ -252,14 +233,11 @@ def _own_accelerations(dynamics, line, space, time, state, rates):
 
 @jitable
 def _papers_accelerations(line, space, state, rates):
-    p, stretch = space.values, line.stretch[0]
+    p = space.values
     given = (
         state[1], state[3], space.inputs[0] + (line.push[0] + line.push[1]), p[0], p[1], p[2], p[3]
     )  # fmt: skip
-    if stretch != 0.0:
-        rates[2], rates[3] = stretching_accelerations(*given, stretch)
-    else:
-        rates[2], rates[3] = cart_acceleration(*given), pole_acceleration(*given)
+    rates[2], rates[3] = cart_acceleration(*given), pole_acceleration(*given)
 
 
 @jitable
@@ -309,10 +287,8 @@ def _solve(loop, limits, start, end, state, times, options, work, found):
 class Motion:
     """The equations of a plant; where rates of parameters act, a tree says what they do."""
 
-    def __init__(
-        self, scenario: Scenario, change: ParameterChange, trees: Trees | None = None
-    ) -> None:
-        plant, self.scenario, self.change, self.trees = scenario.plant, scenario, change, trees
+    def __init__(self, scenario: Scenario, trees: Trees | None = None) -> None:
+        plant, self.scenario, self.trees = scenario.plant, scenario, trees
         n, k, j = len(plant.coordinates), len(plant.inputs), len(plant.parameters)
         self.equations: Equations | None = None
         self.called: list[Callback] = []
@@ -321,7 +297,7 @@ class Motion:
             for segment in scenario.segments:
                 along_z(segment.push)  # raises if it acts elsewhere
         else:
-            require_equations(scenario, change)
+            require_equations(scenario)
             self.equations = load_equations(plant, _points(scenario))
             kind, size = TERMS if plant.terms else ACCELERATIONS, self.equations.size
             address = self.equations.callback.address
@@ -366,7 +342,7 @@ class Motion:
     def arrive(self) -> Transition:
         """The effect of a breakpoint on the state."""
         if self.equations is None:
-            return transition(self.scenario, self.change)
+            return hit
         return _arrival(self.scenario, self.equations, self.trees)
 
 
@@ -376,19 +352,18 @@ class Loop(Motion):
     def __init__(
         self,
         scenario: Scenario,
-        change: ParameterChange,
         trees: Trees | None,
         controller: Controller,
         *,
         continuous: bool = True,
     ) -> None:
-        super().__init__(scenario, change, trees)
+        super().__init__(scenario, trees)
         self.laws = Laws(controller, scenario, continuous=continuous)
         if self.laws.callback is not None:
             self.called.append(self.laws.callback)
 
     def _on(self, segment: Segment) -> tuple[Dynamics, Line, Line, Law, Space]:
-        self.segment, line = segment, line_of(segment, self.change)
+        self.segment, line = segment, line_of(segment)
         return self.along(segment), line, line, self.laws.along(segment), self.space
 
     def derivative(self, time: float, state: Floats, segment: Segment) -> Any:
@@ -415,28 +390,13 @@ class Loop(Motion):
         return compiled_solver(solve, criterion, rtol, atol, longest)
 
 
-def transition(scenario: Scenario, change: ParameterChange) -> Transition:
-    """Return the effect of a breakpoint on the state, from the analytic mass matrix."""
-
-    def parameters(segment: Segment, time: float) -> CartPoleParameters:
-        values = segment.values_at(time).tolist()
-        return CartPoleParameters(**dict(zip(scenario.schedule, values, strict=True)))
-
-    def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
-        p = parameters(after, after.start)
-        impulse = along_z(after.impulse)
-        state = state.copy()
-        if before is not None and change.stretching:
-            kink = after.lines[2][1] - before.lines[2][1]
-            impulse += scenario.pole_mass * kink * float(np.sin(state[1]))
-        if before is not None and change.keeps_momenta:
-            kept = mass_matrix(state, parameters(before, before.end)) @ state[2:4]
-            state[2:4] = np.linalg.solve(mass_matrix(state, p), kept)
-        if impulse != 0.0:
-            state[2:4] += velocity_jump(state[:4], impulse, p)
-        return state
-
-    return arrive
+def hit(state: Floats, before: Segment | None, after: Segment) -> Floats:
+    """Return the state of the cart-pole after a breakpoint, by the analytic mass matrix."""
+    impulse, state = along_z(after.impulse), state.copy()
+    if impulse != 0.0:
+        p = CART_POLE.named(after.values_at(after.start))
+        state[2:4] += velocity_jump(state[:4], impulse, p)
+    return state
 
 
 class Trees(Protocol):
@@ -506,15 +466,12 @@ def _needed(still: Tree, moving: Tree, q: Any, v: Any) -> tuple[Floats, Floats]:
     return terms_of(moving, q, v).bias - without.bias, without.mass
 
 
-def require_equations(scenario: Scenario, change: ParameterChange | None = None) -> None:
+def require_equations(scenario: Scenario) -> None:
     """Raise unless the equations of a plant can say what happens in a scenario."""
     plant = scenario.plant
     if not plant.has_equations:
         rule = "must have accelerations or terms, its equations, to be integrated"
         raise InvalidValueError(f"plant {plant.name!r}", rule)
-    if change is not None and not change.is_the_papers:
-        rule = "are of the cart-pole: another plant says them for each parameter"
-        raise InvalidValueError("dynamics and jumps", rule)
     asked = ["an impulse" for one in scenario.disturbances if isinstance(one, Impulse)]
     asked += [f"a force along {one.coordinate}" for one in scenario.disturbances if one.coordinate]
     asked += [f"what joins at rest at {time:g} s" for time in scenario.joins]

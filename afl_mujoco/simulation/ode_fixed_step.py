@@ -24,7 +24,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.ode import (
-    PAPERS_CHANGE,
     Loop,
     Motion,
     held_rates,
@@ -170,7 +169,7 @@ def _run(
 ) -> tuple[Floats, Floats, Outcome]:
     """Return states, forces and outcome on a fine grid; `hold` 0 evaluates them in every stage."""
     controller_inputs(scenario, controller, fine)  # raises before the run if a gain is not positive
-    loop = Loop(scenario, PAPERS_CHANGE, None, controller, continuous=False)
+    loop = Loop(scenario, None, controller, continuous=False)
     limits, arrive, segments = criterion_of(scenario), loop.arrive, scenario.segments
     starts, step_of, count = _starts(fine, times), _steps_of(fine, times), len(fine) - 1
     ticks = np.full(count, not hold)
@@ -194,7 +193,7 @@ def _run(
         if holds.schedule and any(segment.impulse):  # it acts on the plant that is held
             there = replace(segment, lines=tuple((x, 0.0) for x in held[first].tolist()))
         states[first] = arrive(states[first], before, there)
-        before, line = segment, line_of(segment, PAPERS_CHANGE)
+        before, line = segment, line_of(segment)
         true = line._replace(values=line.values.copy(), rates=line.rates.copy())
         part = (ticks, held, push, fine, states, forces, work, limits, first, until)
         with loop.watched():
@@ -250,8 +249,8 @@ def held_steps(scenario: Scenario, run: Trajectory) -> Floats:
     step = run.provenance["settings"]["timestep"]
     steps = np.diff(run.time)
     steps[np.abs(steps - step) < 1e-9] = step
-    motion, after = Motion(scenario, PAPERS_CHANGE), np.empty((len(steps), run.state.shape[1]))
-    line = line_of(scenario.segments[0], PAPERS_CHANGE)
+    motion, after = Motion(scenario), np.empty((len(steps), run.state.shape[1]))
+    line = line_of(scenario.segments[0])
     values = scenario.values(0.5 * (run.time[:-1] + run.time[1:]))
     arrays = (values, held_disturbances(scenario, run.time).push, steps, work_space(after.shape[1]))
     with motion.watched():

@@ -366,16 +366,6 @@ def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simu
     assert metrics(odd_scenario, own, run)["saturated_share"] is None
 
 
-@pytest.mark.parametrize("mode", ["exact", "continuous"])
-def test_what_a_rod_that_changes_does_is_the_same_under_a_controller_in_python(odd_scenario, mode):
-    settings = {"dynamics": "stretching-rod", "jumps": "momenta"}
-    run, reference = (
-        afl.simulate_mujoco(odd_scenario, controller, mode, **settings)
-        for controller in (controller_of(paper), afl.CONTROLLERS["fixed"])
-    )
-    np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
-
-
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 def test_a_controller_gets_the_time(smooth_scenario, simulate):
     run = simulate(smooth_scenario, controller_of(lambda time, state, belief: 3.0 * time))

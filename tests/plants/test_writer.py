@@ -1,16 +1,19 @@
 """Parameters written in place are those of a model compiled afresh."""
 
 import ctypes
+import pickle
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.library import write_row
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Plant, load_plant
 from afl_mujoco.plants.writer import PlantModel
-from tests.plants.plants import NAMES, SMALL, known, small
+from tests.plants.plants import NAMES, SMALL, known, small, varied
 
 
 def drawn(plant: Plant, count: int) -> np.ndarray:
@@ -185,3 +188,11 @@ def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path
 def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
     with pytest.raises(AflMujocoError, match="p has mass, length; did you mean length"):
         PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
+
+
+def test_a_plant_made_of_a_loaded_one_is_not_taken_for_it_elsewhere(tmp_path) -> None:
+    loaded = load_plant(varied(tmp_path), tmp_path)
+    assert pickle.loads(pickle.dumps(loaded)).name == "small"
+    for one in (loaded, cart_pole):
+        with pytest.raises(InvalidValueError, match="must be loaded from a file"):
+            pickle.dumps(replace(one, ends_at={}))

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
-from afl_mujoco.scenario.parameters import ParameterChange
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.bound_controllers import bound
@@ -191,7 +190,7 @@ def growth_of(
 
 def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:
     """Return the largest difference of the ODE from MuJoCo, from whose state it restarts."""
-    loop = Loop(scenario, ParameterChange(), MovingTrees(scenario.plant), controller)
+    loop = Loop(scenario, MovingTrees(scenario.plant), controller)
     solver = loop.solver(criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
     marks = dict(zip(exact.time[rows].tolist(), exact.state[rows], strict=True))
