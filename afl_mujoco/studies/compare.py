@@ -216,7 +216,10 @@ class Result:
         if scenario is not None and scenario not in known:
             raise UnknownNameError.among("scenario", scenario, known)
         shown = self.scenarios[0] if scenario is None else known[scenario]
-        return draw_responses(shown, self.curves_on(shown))
+        from afl_mujoco.report.style import styled
+
+        with styled():
+            return draw_responses(shown, self.curves_on(shown))
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""
