@@ -1,11 +1,12 @@
 """How many steps per second do the Gymnasium environments make? All timed in one run.
 
-Run: python benchmarks/bench_gymnasium.py [--seconds 5]
+Run: python benchmarks/bench_gymnasium.py [--envs 32] [--seconds 5]
 
-Step-step, and everything drawn at random, beside Gymnasium's own `InvertedPendulum-v5`, with its
-model and with ours, and our environment with the same two steps of RK4 in a step of it. Actions are
-the same random ones, under which the pole soon falls: resets count. The parts are measured in turn,
-three times; ratios are medians of those within one time.
+One environment, and many by `CartPoleVectorEnv` and by Gymnasium's `SyncVectorEnv`: step-step, and
+everything drawn at random. Beside Gymnasium's own `InvertedPendulum-v5`, with its model and with
+ours, and our environment with the same two steps of RK4 in a step of it. Actions are the same
+random ones, under which the pole soon falls: resets count. The parts are measured in turn, three
+times; ratios are medians of those within one time.
 """
 
 from __future__ import annotations
@@ -22,9 +23,11 @@ from typing import Any
 import gymnasium
 import mujoco
 import numpy as np
+from gymnasium.vector import SyncVectorEnv
 from ratios import median_ratio, say
 
 from afl_mujoco.simulation.gym_env.environment import CartPoleEnv
+from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv
 
 KINDS: dict[str, dict[str, Any]] = {
     f"{name} {integrator}": {**settings, "integrator": integrator}
@@ -62,14 +65,34 @@ def rate_of_one(environment: gymnasium.Env, seconds: float) -> float:
     return count / (time.perf_counter() - begun)
 
 
+def rate_of_many(environments: gymnasium.vector.VectorEnv, seconds: float) -> float:
+    """Return the steps per second of all environments combined, resets included."""
+    rng = np.random.default_rng(1)
+    environments.reset(seed=1)
+    count, begun = 0, time.perf_counter()
+    while time.perf_counter() - begun < seconds:
+        environments.step(rng.uniform(-0.1, 0.1, environments.action_space.shape))
+        count += environments.num_envs
+    return count / (time.perf_counter() - begun)
+
+
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--envs", type=int, default=32)
     parser.add_argument("--seconds", type=float, default=5.0)
     arguments = parser.parse_args()
     rates: dict[str, Callable[[float], float]] = {}
     for kind, settings in KINDS.items():
-        rates[kind] = partial(rate_of_one, CartPoleEnv(**settings))
+        one = CartPoleEnv(**settings)
+        many = CartPoleVectorEnv(arguments.envs, **settings)
+        sync = SyncVectorEnv([lambda s=settings: CartPoleEnv(**s) for _ in range(arguments.envs)])
+        for name, measure, what in (
+            ("one", rate_of_one, one),
+            ("CartPoleVectorEnv", rate_of_many, many),
+            ("SyncVectorEnv", rate_of_many, sync),
+        ):
+            rates[f"{kind} {name}"] = partial(measure, what)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "cartpole.xml"
         file.write_text(our_model())
@@ -85,6 +108,9 @@ def main() -> None:
     for name, values in found.items():
         spread = f"{min(values):.0f} to {max(values):.0f}"
         print(f"{name:36s} {statistics.median(values):8.0f} steps/s ({spread})")
+    for kind in KINDS:
+        ratio = median_ratio(found[f"{kind} CartPoleVectorEnv"], found[f"{kind} SyncVectorEnv"])
+        say(f"{kind}: CartPoleVectorEnv / SyncVectorEnv", ratio)
     say(f"our environment / {PEER}", median_ratio(found["ours, its steps"], found[PEER]))
     say(f"{PEER}: our model / its own", median_ratio(found[f"{PEER}, our model"], found[PEER]))
 

@@ -28,6 +28,7 @@ try:
     import gymnasium
     from gymnasium.utils.env_checker import check_env
     from gymnasium.utils.seeding import np_random
+    from gymnasium.vector import SyncVectorEnv
 
     from afl_mujoco.simulation.gym_env.environment import (
         CONTROL_PERIOD,
@@ -36,6 +37,7 @@ try:
         ScenarioEnv,
         policy_controller,
     )
+    from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 except ImportError as error:
     if os.environ.get("AFL_MUJOCO_REQUIRE_GYMNASIUM"):
         pytest.fail(f"AFL_MUJOCO_REQUIRE_GYMNASIUM is set, but {error}", pytrace=False)
@@ -274,6 +276,80 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     assert drawn.initial_state != afl.SCENARIOS["step-step"].initial_state
 
 
+HIT = afl.Impulse(momentum=0.2, time=0.0)
+VECTORS = {
+    "random": {"scenario": "laboratory", "randomize": True},
+    "privileged": {
+        "scenario": "step-step-impulse", "initial_noise": 0.1, "parameters": "privileged",
+    },
+    "short, hidden": {
+        "scenario": replace(
+            afl.SCENARIOS["trapezoid-step"], duration=0.3, disturbances=(HIT,),
+            imperfections=Imperfections(delay=0.0345, differentiated=True, end_stops={"z": 0.2}),
+        ),
+        "parameters": "hidden", "integrator": "Euler",
+    },
+    "diverges": DIVERGES,
+}  # fmt: skip
+
+
+def same_step(one, other) -> None:
+    """Compare what a reset or a step of two vector environments gives, types included."""
+    for mine, their in zip(one[:-1], other[:-1], strict=True):
+        np.testing.assert_array_equal(mine, their)
+        assert mine.dtype == their.dtype
+    assert one[-1].keys() == other[-1].keys()
+    for name, values in other[-1].items():
+        np.testing.assert_array_equal(one[-1][name], values)
+        assert one[-1][name].dtype == values.dtype
+
+
+def stepped(ours, theirs, count: int, actions) -> int:
+    """Step vector environments with the same actions; return how many episodes ended."""
+    other, ends = theirs.reset(seed=2), 0
+    every = [one.reset(seed=2) for one in ours]
+    for _ in range(count):
+        for one in every:
+            same_step(one, other)
+        ends += int(np.sum(other[2:4])) if len(other) > 2 else 0
+        chosen = actions()
+        other = theirs.step(chosen)
+        every = [one.step(chosen) for one in ours]
+    for one in ours:
+        one.close()
+    return ends
+
+
+@pytest.mark.parametrize("settings", VECTORS.values(), ids=VECTORS)
+def test_the_vector_environment_has_the_bits_of_gymnasium_s(settings, rng) -> None:
+    ours = [CartPoleVectorEnv(5, threads=threads, **settings) for threads in (1, 3)]
+    theirs = SyncVectorEnv([lambda: CartPoleEnv(**settings)] * 5)
+    assert ours[0].observation_space == theirs.observation_space
+    assert ours[0].action_space == theirs.action_space
+    assert stepped(ours, theirs, 120, lambda: rng.uniform(-1.2, 1.2, (5, 1))) > 5
+
+
+VECTORISED = {"vectorization_mode": "vector_entry_point"}
+
+
+def test_the_vector_environment_is_what_gymnasium_makes() -> None:
+    made = gymnasium.make_vec("afl_mujoco/CartPole-Random-v0", num_envs=3, **VECTORISED)
+    assert isinstance(made.unwrapped, CartPoleVectorEnv)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        made.step(np.zeros((3, 1)))
+    seen, _ = made.reset(seed=[1, 2, 1])
+    np.testing.assert_array_equal(seen[0], seen[2])
+    with pytest.raises(InvalidValueError, match="actions must be finite"):
+        made.step(np.full((3, 1), math.nan))
+    with pytest.raises(InvalidValueError, match="seed must be 3, got 2"):
+        made.reset(seed=[1, 2])
+    with pytest.raises(InvalidValueError, match="num_envs must be at least 1, got 0"):
+        CartPoleVectorEnv(0)
+    with pytest.raises(InvalidValueError, match="render_mode must be None"):
+        CartPoleVectorEnv(1, render_mode="rgb_array")
+    made.close()
+
+
 SLOPES = np.array([-0.3, 2.0, -0.5, 1.0, 0.01, 0.01])
 
 
@@ -341,7 +417,7 @@ def acts_alike(policy, environment, predict) -> int:
     (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
     (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
      "must be frozen: set update_running_mean = False"),
-    (lambda w, e: gymnasium.make_vec(IDS[0], 2), "environment of a policy must be a Scenario"),
+    (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
 ], ids=["frames", "time", "sticky", "learning", "vector"])  # fmt: skip
 def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
@@ -362,6 +438,17 @@ def test_what_is_asked_of_an_environment_has_to_make_sense() -> None:
         environment.reset(options={"initial_state": (3, 0, 0, 0)})
     with pytest.raises(InvalidValueError, match="z of initial_state must be a number, got 'a'"):
         environment.reset(options={"initial_state": ("a", 0, 0, 0)})
+    many = CartPoleVectorEnv(2, scenario=railed)
+    with pytest.raises(InvalidValueError, match="z of initial_state must lie within end_stops"):
+        many.reset(options={"initial_state": (3, 0, 0, 0)})
+    many.reset()
+    with pytest.raises(InvalidValueError, match=r"actions must have shape \(2, 1\), got \(2,\)"):
+        many.step(np.zeros(2))
+    many.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        many.reset()
+    with pytest.raises(InvalidValueError, match="threads must be at least 1, got 0"):
+        CartPoleVectorEnv(2, threads=0)
 
 
 def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:
@@ -382,10 +469,15 @@ PLANTS = {
 
 @pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)
 @pytest.mark.parametrize("parameters", ["observed", "privileged"])
-def test_any_plant_is_an_environment(scenario, parameters):
+def test_any_plant_is_an_environment_and_its_vector_has_the_same_bits(scenario, parameters, rng):
     settings = {"scenario": scenario, "randomize": True, "parameters": parameters}
     made = gymnasium.make("afl_mujoco/Scenario-v0", **settings)
     check_env(made.unwrapped, skip_render_check=True)
+    ours = gymnasium.make_vec("afl_mujoco/Scenario-v0", num_envs=4, **VECTORISED, **settings)
+    assert isinstance(ours.unwrapped, ScenarioVectorEnv)
+    theirs = SyncVectorEnv([lambda: ScenarioEnv(**settings)] * 4)
+    k = len(scenario.plant.inputs)
+    assert stepped([ours], theirs, 80, lambda: rng.uniform(-1.2, 1.2, (4, k))) > 2
 
 
 def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path) -> None:

@@ -300,7 +300,7 @@ def policy_controller(
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, ScenarioEnv):
-        rule = "must be a ScenarioEnv or wrappers of one"
+        rule = "must be a ScenarioEnv or wrappers of one, not a vector of them"
         raise InvalidValueError("environment of a policy", rule, type(env).__name__)
     scale, count, names = env.scale.copy(), len(env.low), scheduled(env.scenario.plant)
     inputs = env.inputs

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 NAMESPACE = "afl_mujoco"
 ENTRY_POINT = "afl_mujoco.simulation.gym_env.environment:ScenarioEnv"
+VECTOR_ENTRY_POINT = "afl_mujoco.simulation.gym_env.vector:ScenarioVectorEnv"
 ANY = f"{NAMESPACE}/Scenario-v0"
 """The environment that takes its scenario as ``scenario=``, of any plant."""
 GYMNASIUM = "gymnasium"
@@ -52,7 +53,12 @@ def register() -> None:
         found[environment_id(name, randomize=True)] = {"scenario": name, "randomize": True}
     for known, settings in found.items():
         if known not in registration.registry:
-            registration.register(known, entry_point=ENTRY_POINT, kwargs=settings)
+            registration.register(
+                known,
+                entry_point=ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
+                kwargs=settings,
+            )
 
 
 def register_with_gymnasium() -> None:
