@@ -89,8 +89,8 @@ def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
 
 LEDE = (
     "MuJoCo's plant as deployed, in real time. Its ghost is the loop without imperfections: the "
-    "ideal ODE of the cart-pole, else MuJoCo; there a controller in Python or with a memory is "
-    "held over each control period too, and any other is continuous."
+    "plant's own equations where it has some, else MuJoCo; there a controller in Python or with a "
+    "memory is held over each control period too, and any other is continuous."
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.disturbances import Impulse, channel_of
 from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import LONGEST_STEP, Deployed
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
 from afl_mujoco.simulation.poses import PUSHED, between, changing, said_during
+from afl_mujoco.simulation.simulate import simulate_ode
 from afl_mujoco.simulation.trajectory import Trajectory
 
 AFTERWARDS = 1.0
@@ -140,19 +143,18 @@ def _ideal(
 ) -> tuple[str, Trajectory | None]:
     """Return what the ghost is, and its run: without imperfections, and told the truth.
 
-    It obeys the paper's equations where they can say what happens, else MuJoCo; then there is none
+    It obeys the plant's equations where they can say what happens, else MuJoCo; then there is none
     where the run itself is ideal. The commands of a Python controller are held: it may be stateful,
     switch at every call, or count on its period.
     """
-    h, period = deployment.timestep or LONGEST_STEP, deployment.control_period
-    informed, plan = controller.without_estimator(), scenario.ideal
-    along_z = all(one.coordinate in ("", "z") for one in plan.disturbances)
-    if plan.is_cart_pole and along_z:
+    period, plan = deployment.control_period, scenario.ideal
+    informed = bound(controller.without_estimator(), plan)
+    h = deployment.timestep or LONGEST_STEP
+    with suppress(InvalidValueError):  # there are no equations, or they leave something out
         if informed.interpreted:
             held = simulate_ode_held(plan, informed, timestep=h, control_period=period)
             return "ideal ODE", held
-        if not informed.stateful:
-            return "ideal ODE", simulate_ode(plan, informed, sample_period=h)
+        return "ideal ODE", simulate_ode(plan, informed, sample_period=h)
     if plan == scenario:
         return "", None
     settings: Any = {"timestep": deployment.timestep, "integrator": deployment.integrator}

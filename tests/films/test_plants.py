@@ -95,14 +95,24 @@ def test_a_film_of_any_plant_is_made(graphics, name, beside, tmp_path):
     assert file.stat().st_size > 1000
 
 
-def test_the_ghost_is_the_loop_without_imperfections():
-    scenario = scenario_of("quadrotor_load.py:plant")
+@pytest.mark.parametrize("known", [True, False], ids=["equations", "none"])
+def test_the_ghost_is_the_loop_without_imperfections_by_equations_where_there_are(known):
+    scenario, lqr = scenario_of("quadrotor_load.py:plant"), afl.CONTROLLERS["lqr"]
+    if not known:
+        scenario = replace(scenario, plant=replace(scenario.plant, accelerations=None, terms=None))
     held = replace(scenario.imperfections, control_period=0.01)  # is one of them
     scenario = replace(scenario, imperfections=held)
-    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed().on(scenario), FPS)
-    ideal = record(scenario.ideal, afl.CONTROLLERS["lqr"], Deployed(), FPS)
-    np.testing.assert_array_equal(replay.ideal, ideal.state)
-    assert ideal.ideal is None
+    replay = record(scenario, lqr, Deployed().on(scenario), FPS)
+    ideal = record(scenario.ideal, lqr, Deployed(), FPS)
+    if known:
+        run = afl.simulate_ode(scenario.ideal, lqr)
+        kept = np.searchsorted(run.time, replay.time - 1e-9)
+        np.testing.assert_allclose(replay.ideal, run.state[kept], atol=1e-12)
+        assert np.abs(ideal.ideal - ideal.state).max() < 0.05  # a hold of 1 ms
+    else:
+        np.testing.assert_array_equal(replay.ideal, ideal.state)
+        assert ideal.ideal is None
+    assert replay.ghost == ("ideal ODE" if known else "ideal loop")
     assert not np.array_equal(replay.state, ideal.state)
 
 
@@ -111,7 +121,7 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     names = [label for label, _ in replay.readouts(0)]
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
-    assert names == ["t [s]", *words]  # and no distance from a ghost, for there is none
+    assert names == ["t [s]", *words, *(f"|Δ{word.replace(' ', '| ')}" for word in words[2:])]
     labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
     monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))
