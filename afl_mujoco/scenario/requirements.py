@@ -61,7 +61,7 @@ def asked_of(plant: Plant) -> Mapping[str, Asked]:
     units = plant.units
     found = {
         "completes": Asked("s", words_of("completes")),
-        "end_stops": Asked(units[plant.coordinates[0]], words_of("end_stops")),
+        "end_stops": Asked("", words_of("end_stops")),  # of a scenario: `Scenario.unit_of`
     }
     for name in plant.states:
         found[f"max.{name}"] = Asked(units[name], words_of(f"max.{name}"), f"peak_{name}")

@@ -347,6 +347,13 @@ class Scenario:
         ordered = {name: limits.get(name) for name in asked_of(self.plant)}
         return {name: limit for name, limit in ordered.items() if limit is not None}
 
+    def unit_of(self, requirement: str) -> str:
+        """Return the unit of a requirement; "" of end stops in different units."""
+        if requirement != "end_stops":
+            return asked_of(self.plant)[requirement].unit
+        units = {self.plant.units[name] for name in self.imperfections.end_stops}
+        return units.pop() if len(units) == 1 else ""
+
     def values(self, times: Floats) -> Floats:
         """Return the true parameters at some times [s], shape (N, parameters)."""
         return _columns((schedule(times) for schedule in self.schedule.values()), len(times))

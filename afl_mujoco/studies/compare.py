@@ -19,7 +19,6 @@ from afl_mujoco.report.markdown import plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.ranges import scheduled
-from afl_mujoco.scenario.requirements import asked_of
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
@@ -201,11 +200,11 @@ class Result:
     @property
     def requirements(self) -> list[dict[str, Any]]:
         """Each run judged by each requirement, one row each, ready for pandas."""
-        known = {scenario.name: asked_of(scenario.plant) for scenario in self.scenarios}
+        known = {scenario.name: scenario for scenario in self.scenarios}
         return [
             {"scenario": run.scenario, "controller": run.controller, "draw": run.draw}
             | asdict(one)
-            | {"unit": known[run.scenario][one.requirement].unit, "met": one.met}
+            | {"unit": known[run.scenario].unit_of(one.requirement), "met": one.met}
             for run in self.rows
             for one in run.requirements
         ]

@@ -12,6 +12,7 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of
 from afl_mujoco.simulation.judgement import failure_of, judge, judge_failure
 from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
+from tests.plants.plants import known
 
 ASKED = [name for name in asked_of(CART_POLE) if not name.startswith("min.")]
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
@@ -230,3 +231,11 @@ def test_noise_that_nothing_measures_is_remarked_on() -> None:
         found = remarks_on(made(), scenario, afl.find_controller("fixed"))
         said = "noise.phi_dot has no effect, because velocities are differentiated"
         assert found == ([said] if differentiated else [])
+
+
+def test_the_unit_of_end_stops_is_that_of_the_coordinates_that_have_them() -> None:
+    def unit(**stops: float) -> str:
+        plant, rails = known("cart_double_pendulum.py:plant"), Imperfections(end_stops=stops)
+        return afl.Scenario(name="s", plant=plant, imperfections=rails).unit_of("end_stops")
+
+    assert unit(cart=1.0) == "m" and unit(lower=1.0) == "rad" and unit(cart=1.0, lower=1.0) == ""

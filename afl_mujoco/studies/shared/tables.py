@@ -76,10 +76,10 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
 
 def asked(one: Judgement, scenario: Scenario) -> str:
     """Return what a requirement of a scenario asks for."""
-    known = asked_of(scenario.plant)[one.requirement]
+    words, unit = words_of(one.requirement), scenario.unit_of(one.requirement)
     if one.requirement == "completes":
-        return known.words
-    return f"{known.words} {short(one.limit)} {known.unit}".rstrip()
+        return words
+    return f"{words} {short(one.limit)} {unit}".rstrip()
 
 
 def titled(metric: str, layout: Layout = LAYOUT) -> str:
