@@ -51,7 +51,8 @@ def _beyond(scenario: Scenario) -> Iterator[str]:
     for (name, one), (least, most) in spans:
         if least < (one.low or 0.0) or most > (one.high or 0.0):
             checked = f"but is checked in {one.low:g} to {one.high:g}"
-            yield f"{name} goes from {least:g} to {most:g} {one.unit}, {checked}"
+            found = f"is {least:g}" if least == most else f"goes from {least:g} to {most:g}"
+            yield f"{name} {found} {one.unit}, {checked}"
 
 
 def _prescribed(scenario: Scenario) -> Iterator[str]:

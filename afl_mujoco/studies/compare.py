@@ -380,11 +380,12 @@ def _score(draws: Sequence[Run]) -> str:
 
 def _answer(result: Result, scenario: Scenario) -> list[Block]:
     draws, figures = result.draws_of(scenario)
-    lines = []
-    for name, (first, *_) in draws.items():
-        said = result.remarks.get(f"{scenario.name}/{name}", ())
-        lines += [f"{name}: {remark}" for remark in said]
-        lines += [f"{name} {first.ending}"] if first.message else []
+    told_of: dict[str, list[str]] = {}
+    for name in draws:
+        for remark in result.remarks.get(f"{scenario.name}/{name}", ()):
+            told_of.setdefault(remark, []).append(name)
+    lines = [f"{', '.join(names)}: {remark}" for remark, names in told_of.items()]
+    lines += [f"{name} {first.ending}" for name, (first, *_) in draws.items() if first.message]
     told = ["\n".join(f"- {plain(line)}" for line in lines)] if lines else []
     return [requirements_matrix(scenario, draws, figures), *told]
 
