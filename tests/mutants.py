@@ -53,19 +53,15 @@ from tests.faulty_copies import (
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 AREAS = {
-    "equations": ("plants/cartpole_equations.py",),
-    "control": ("control/*.py",),
-    "estimator": ("control/estimator.py",),
-    "scenario": ("scenario/*.py",),
+    "equations": ("plants/cartpole_equations.py",), "control": ("control/*.py",),
+    "estimator": ("control/estimator.py",), "scenario": ("scenario/*.py",),
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
-    "checks": (
-        *("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
-        *("studies/verify/convergence.py", "studies/verify/criteria.py"),
-        "studies/verify/explanation.py",
-    ),
+    "checks": (*("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
+               *("studies/verify/convergence.py", "studies/verify/criteria.py"),
+               "studies/verify/explanation.py"),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
-}
+}  # fmt: skip
 DRAWN = ("simulation/decor.py", "simulation/figures.py")
 """What only draws."""
 
@@ -351,14 +347,11 @@ def summary(found: Sequence[Found]) -> dict[str, Any]:
     killed = [True] * count[KILLED] + [False] * count[SURVIVED]
     score = rate(killed) if asked else None
     return {
-        "sampled": len(found),
-        "killed": count[KILLED],
-        "by_time_limit": sum(one.by == NO_TIME for one in found),
-        "survived": count[SURVIVED],
-        "equivalent": count[SAME],
-        "score": score[0] if score else None,
+        "sampled": len(found), "killed": count[KILLED],
+        "by_time_limit": sum(one.by == NO_TIME for one in found), "survived": count[SURVIVED],
+        "equivalent": count[SAME], "score": score[0] if score else None,
         "interval": list(score[1:]) if score else None,
-    }
+    }  # fmt: skip
 
 
 def decided(

@@ -98,15 +98,10 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
     rows.append(row("adaptive", "measured", 0.1, 0.05, delay=0.01206))
     rows.append(row("adaptive", "measured", 0.1, 0.2, phase=None))
     return margins_study.Result(
-        scenario="made-up",
-        imperfections="none",
-        left_out=(),
-        control_period=1e-3,
-        units={"cart_mass": "kg", "half_length": "m"},
-        plants=len(plants),
-        linearisation_step=1e-5,
+        scenario="made-up", imperfections="none", left_out=(), control_period=1e-3,
+        units={"cart_mass": "kg", "half_length": "m"}, plants=len(plants), linearisation_step=1e-5,
         rows=tuple(rows),
-    )
+    )  # fmt: skip
 
 
 def estimation() -> estimation_study.Result:

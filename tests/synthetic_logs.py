@@ -14,18 +14,12 @@ from afl_mujoco.scenario.schedules import constant
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
 RIG = Scenario(
-    name="rig",
-    duration=6.0,
-    initial_state=(0.0, 0.4, 0.0, 0.0),
+    name="rig", duration=6.0, initial_state=(0.0, 0.4, 0.0, 0.0),
     schedule={"cart_mass": constant(1.0), "half_length": constant(0.3), "pole_mass": 0.1},
-    imperfections=Imperfections(
-        control_period=0.01,
-        delay=0.004,
-        encoder_step={"phi": 1.5e-3, "z": 1e-4},
-        noise={"phi": 5e-4},
-        damping={"z": 2.0, "phi": 3e-4},
-    ),
-)
+    imperfections=Imperfections(control_period=0.01, delay=0.004,
+        encoder_step={"phi": 1.5e-3, "z": 1e-4}, noise={"phi": 5e-4},
+        damping={"z": 2.0, "phi": 3e-4}),
+)  # fmt: skip
 """A cart-pole whose closed loop is logged."""
 
 PERIOD, STEP = 0.02, 1e-3
@@ -55,16 +49,11 @@ class Truth:
         inertia = 4.0 / 3.0 * self.pole_mass * self.half_length**2
         whole = self.cart_mass + self.pole_mass
         return {
-            "gravity_term": 0.75 * 9.81 / self.half_length,
-            "coupling": 1.0,
-            "damping": self.hinge_damping / inertia,
-            "skew": self.skew,
-            "angle_offset": self.offset,
-            "mass_ratio": self.pole_mass / whole,
-            "gain": self.force / whole,
-            "decay": self.rail_damping / whole,
-            "delay": self.delay,
-        }
+            "gravity_term": 0.75 * 9.81 / self.half_length, "coupling": 1.0,
+            "damping": self.hinge_damping / inertia, "skew": self.skew, "angle_offset": self.offset,
+            "mass_ratio": self.pole_mass / whole, "gain": self.force / whole,
+            "decay": self.rail_damping / whole, "delay": self.delay,
+        }  # fmt: skip
 
     @property
     def description(self) -> columns.Description:
@@ -75,13 +64,11 @@ def described(name: str, rig: Any, count: float, **guessed: float) -> columns.De
     """What its owner would say of its logs: the length is a little off, the rest a guess."""
     lengths = {"pole_mass": rig.pole_mass, "half_length": 1.03 * rig.half_length}
     return columns.Description(
-        name=name,
-        period=PERIOD,
-        phi=columns.AngleColumn(resolution=count),
+        name=name, period=PERIOD, phi=columns.AngleColumn(resolution=count),
         z=columns.PositionColumn(resolution=rig.position_count),
         command=columns.CommandColumn(limit=1.0),
         nominal=columns.Nominal(**lengths, **guessed, rail_damping=2.0),
-    )
+    )  # fmt: skip
 
 
 class Pumping:
@@ -117,12 +104,10 @@ def swing(
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)
     model = CartPoleModel(
-        CartPoleParameters(
-            cart_mass=truth.cart_mass, pole_mass=truth.pole_mass, half_length=truth.half_length
-        ),
-        timestep=STEP,
+        CartPoleParameters(cart_mass=truth.cart_mass, pole_mass=truth.pole_mass,
+            half_length=truth.half_length), timestep=STEP,
         imperfections=Imperfections(damping={"z": truth.rail_damping, "phi": truth.hinge_damping}),
-    )
+    )  # fmt: skip
     m, d = model.mj_model, model.mj_data
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)
     ticks, hold = round(seconds / PERIOD), round(PERIOD / STEP)

@@ -144,13 +144,10 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(folder, comma
     assert broken.message.startswith("raised ZeroDivisionError at t = 0.05")
 
 
-@pytest.mark.parametrize(
-    ("command", "controller"),
-    [
-        *(("simulate", controller) for controller in SAID),
-        *((command, how) for command in ("validate", "render") for how in ("raises", "hangs")),
-    ],
-)
+@pytest.mark.parametrize(("command", "controller"), [
+    *(("simulate", controller) for controller in SAID),
+    *((command, how) for command in ("validate", "render") for how in ("raises", "hangs")),
+])  # fmt: skip
 def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
     command: str, controller: str, folder: Path, command_line, drawing: None
 ) -> None:

@@ -58,21 +58,15 @@ def test_a_number_that_json_does_not_have_is_not_written(tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(
-    ("change", "complaint"),
-    [
-        (("}", ""), "Invalid JSON"),
-        (('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
-        (('"seed": 0', '"seed": "x"'), "seed must be a whole number, got 'x'"),
-        (('"seed": 0', '"seed": true'), "seed must be a whole number, got True"),
-        (('"seed"', '"sead"'), "sead is not a known key"),
-        (('"plain": {},', ""), "plain is missing"),
-        (("[0.5]", "[]"), "box lower must hold a bound"),
-        (("[0.5]", "[NaN]"), "box.lower[0] must be finite, got nan"),
-        (("[[1.0]]", "[[1.0], 2.0]"), "rows must be numbers in lists of equal lengths"),
-    ],
-    ids=lambda value: value if isinstance(value, str) else "",
-)
+@pytest.mark.parametrize(("change", "complaint"), [
+    (("}", ""), "Invalid JSON"), (('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
+    (('"seed": 0', '"seed": "x"'), "seed must be a whole number, got 'x'"),
+    (('"seed": 0', '"seed": true'), "seed must be a whole number, got True"),
+    (('"seed"', '"sead"'), "sead is not a known key"), (('"plain": {},', ""), "plain is missing"),
+    (("[0.5]", "[]"), "box lower must hold a bound"),
+    (("[0.5]", "[NaN]"), "box.lower[0] must be finite, got nan"),
+    (("[[1.0]]", "[[1.0], 2.0]"), "rows must be numbers in lists of equal lengths"),
+], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
 def test_what_is_wrong_in_a_file_is_said_in_one_line(tmp_path, change, complaint) -> None:
     sound = '{"schema": 1, "box": {"lower": [0.5]}, "rows": [[1.0]], "plain": {}, "seed": 0}'
     path = tmp_path / "file.json"
@@ -168,13 +162,10 @@ def test_a_scenario_with_a_mark_of_its_encoding_or_in_capitals_is_read(
     assert (tmp_path / "out" / f"{Path(name).stem}.toml").is_file()
 
 
-@pytest.mark.parametrize(
-    ("encoding", "message"),
-    [
-        ("utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
-        ("latin-1", "cannot be read: not UTF-8 text in line 2, but perhaps Latin-1: save it"),
-    ],
-)
+@pytest.mark.parametrize(("encoding", "message"), [
+    ("utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
+    ("latin-1", "cannot be read: not UTF-8 text in line 2, but perhaps Latin-1: save it"),
+])  # fmt: skip
 def test_a_scenario_in_another_encoding_is_told_which(refuses, tmp_path, encoding, message) -> None:
     (tmp_path / "a.toml").write_text("duration = 0.2\n# Größe\n", encoding=encoding)
     assert f"a.toml {message}" in refuses("simulate", "a.toml")

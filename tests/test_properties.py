@@ -24,12 +24,9 @@ WIDE = st.floats(1, 500)
 STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
 CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
 PLANTS = st.builds(
-    afl.CartPoleParameters,
-    cart_mass=CART_MASS,
-    pole_mass=POLE_MASS,
-    half_length=HALF_LENGTH,
+    afl.CartPoleParameters, cart_mass=CART_MASS, pole_mass=POLE_MASS, half_length=HALF_LENGTH,
     gravity=st.floats(1.0, 25.0),
-)
+)  # fmt: skip
 
 
 def inputs_for(controller: str, p: afl.CartPoleParameters) -> np.ndarray:
@@ -55,11 +52,9 @@ def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> No
 
 
 @settings(derandomize=True, max_examples=300, deadline=None)
-@given(
-    state=STATES,
-    plant=PLANTS,
-    gains=st.builds(afl.Gains, switching=WIDE, slope=st.floats(0.1, 5), boundary_layer=WIDE),
-)
+@given(state=STATES, plant=PLANTS, gains=st.builds(
+    afl.Gains, switching=WIDE, slope=st.floats(0.1, 5), boundary_layer=WIDE,
+))  # fmt: skip
 def test_the_readable_controller_is_odd_to_the_last_bit(state, plant, gains) -> None:
     there = afl.control_force(state, plant, gains)
     assert afl.control_force(np.negative(state), plant, gains) == -there
@@ -145,15 +140,12 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
     angle = math.radians(75)
     return afl.Scenario(
         name="any",
-        schedule={
-            "cart_mass": draw(schedules(CART_MASS, end)),
-            "half_length": draw(schedules(HALF_LENGTH, end)),
-            "pole_mass": draw(POLE_MASS),
-        },
+        schedule={"cart_mass": draw(schedules(CART_MASS, end)),
+                  "half_length": draw(schedules(HALF_LENGTH, end)), "pole_mass": draw(POLE_MASS)},
         disturbances=draw(st.lists(st.one_of(pulses, hits), max_size=2)),
         initial_state=draw(st.tuples(*(st.floats(-x, x) for x in (1.0, angle, 1.0, 1.0)))),
         duration=end,
-    )
+    )  # fmt: skip
 
 
 # At 1 ms RK4 itself is not stable under a controller that takes a 0.1 kg cart for 1 kg, and off by
@@ -184,12 +176,10 @@ def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> N
 @pytest.mark.parametrize("angle", [1.45, -1.55], ids=str)
 def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(controller, angle) -> None:
     scenario = afl.Scenario(
-        name="falling",
-        schedule={"half_length": afl.constant(0.15)},
+        name="falling", schedule={"half_length": afl.constant(0.15)},
         disturbances=(afl.Impulse(momentum=-60.0 * math.copysign(1, angle), time=0.0107),),
-        initial_state=(0.0, angle, 0.0, math.copysign(1.0, angle)),
-        duration=1.0,
-    )
+        initial_state=(0.0, angle, 0.0, math.copysign(1.0, angle)), duration=1.0,
+    )  # fmt: skip
     runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
     outcomes = {run.outcome.kind for run in runs.values()}
     assert outcomes in ({"fell"}, {"diverged"})

@@ -138,14 +138,10 @@ RAIL = "duration = 5.0\ninitial_state = [0, -0.1, 0, 0]\nimperfections.end_stops
 
 @pytest.mark.parametrize(
     ("text", "code", "word"),
-    [
-        (FALLS, 0, ""),
-        (FALLS.replace("false", "true"), 1, "fell"),
-        (RAIL, 1, "end_stops"),
-        (RAIL + "requirements.end_stops_allowed = true\n", 0, ""),
-    ],
+    [(FALLS, 0, ""), (FALLS.replace("false", "true"), 1, "fell"), (RAIL, 1, "end_stops"),
+     (RAIL + "requirements.end_stops_allowed = true\n", 0, "")],
     ids=["nothing required", "falls", "end stop", "end stop allowed"],
-)
+)  # fmt: skip
 def test_every_study_says_the_same_word(text, code, word, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     name = "lqr" if "end_stops" in text else "idle_law:zero"
@@ -200,16 +196,13 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
     assert told(drawn) == {(8.0, truth.pole_mass, 0.5, 9.8 * 1.1)}
 
 
-@pytest.mark.parametrize(
-    ("belief", "message"),
-    [
-        ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
-        ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
-        ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
-        ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
-        ("belief.cart_mass = { eror = 1 }", "belief.cart_mass key must be one of value, error"),
-    ],
-)
+@pytest.mark.parametrize(("belief", "message"), [
+    ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
+    ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
+    ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
+    ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
+    ("belief.cart_mass = { eror = 1 }", "belief.cart_mass key must be one of value, error"),
+])  # fmt: skip
 def test_a_belief_that_breaks_its_rule_is_one_line(tmp_path: Path, belief: str, message) -> None:
     (tmp_path / "b.toml").write_text(f"duration = 1.0\n{belief}\n")
     with pytest.raises(afl.AflMujocoError, match=line(..., message, ...)):

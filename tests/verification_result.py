@@ -25,25 +25,18 @@ STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
 
 OWN = afl.Scenario(
     name="step-step",
-    schedule={
-        "cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
-        "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
-    },
-    disturbances=(ForcePulse(force=-10.0, start=1.2, duration=0.1),),
-    duration=2.0,
-)
+    schedule={"cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
+              "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6))},
+    disturbances=(ForcePulse(force=-10.0, start=1.2, duration=0.1),), duration=2.0,
+)  # fmt: skip
 """A scenario of one's own under a name of the paper."""
 
 SCENARIOS = (OWN, replace(OWN, name=NASTY))
 
 _VERDICTS = (
-    claims.REPRODUCED,
-    claims.REPRODUCED,
-    claims.NOT_REPRODUCED,
-    claims.IN_PART,
-    claims.UNDETERMINED,
-    claims.NOT_REPRODUCED,
-)
+    claims.REPRODUCED, claims.REPRODUCED, claims.NOT_REPRODUCED, claims.IN_PART,
+    claims.UNDETERMINED, claims.NOT_REPRODUCED,
+)  # fmt: skip
 _METRICS = {
     "objective": 2.1633, "iae_z": 11.5, "iae_phi": 0.91, "max_force": 58.9, "force_squared": 75.2,
     "settling_2pc_z": 7.76, "overshoot_z": 4.2, "overshoot_phi": 0.35,
@@ -127,14 +120,11 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
 
 def make_claim(number: int) -> claims.Claim:
     return claims.Claim(
-        id=f"C{number}",
-        claim=f"claim {number} has |F| & <angles>",
-        figure="improvement of the objective (O1) [%]",
-        paper=None if number == 2 else 38.03,
-        here=None if number == 5 else 18.36 - number,
-        verdict=_VERDICTS[number % len(_VERDICTS)],
+        id=f"C{number}", claim=f"claim {number} has |F| & <angles>",
+        figure="improvement of the objective (O1) [%]", paper=None if number == 2 else 38.03,
+        here=None if number == 5 else 18.36 - number, verdict=_VERDICTS[number % len(_VERDICTS)],
         why="values of the schedule are not in the paper (D3, D4)",
-    )
+    )  # fmt: skip
 
 
 def make_curves(
@@ -143,14 +133,9 @@ def make_curves(
     step = 1e-3 if scenario.duration <= 2.0 else 1e-2
     time = step * np.arange(round(scenario.duration / step) + 1)[:fell_at]
     states = np.stack(
-        [
-            2.0 * time * np.exp(-2.0 * time),
-            -1.047 * np.exp(-3.0 * time),
-            2.0 * (1.0 - 2.0 * time) * np.exp(-2.0 * time),
-            3.141 * np.exp(-3.0 * time),
-        ],
-        axis=1,
-    )
+        [2.0 * time * np.exp(-2.0 * time), -1.047 * np.exp(-3.0 * time),
+         2.0 * (1.0 - 2.0 * time) * np.exp(-2.0 * time), 3.141 * np.exp(-3.0 * time)], axis=1,
+    )  # fmt: skip
     return time, (1.0 if controller == "fixed" else 0.9) * states
 
 

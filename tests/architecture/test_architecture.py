@@ -90,17 +90,11 @@ def test_nobody_but_the_writers_writes_to_a_model(source: Path) -> None:
     assert list(model_writes(source.read_text())) == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "model.body_mass[1] = 2.0",
-        "model.body_inertia[1, :] *= 2.0",
-        "self.mj_model.geom_size = size",
-        "model.opt.gravity[2] = -9.7",
-        "model.opt.timestep, b = 1e-3, 2",
-        "physics.named.model.site_pos['tip', 'z'] = 1.0",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "model.body_mass[1] = 2.0", "model.body_inertia[1, :] *= 2.0", "self.mj_model.geom_size = size",
+    "model.opt.gravity[2] = -9.7", "model.opt.timestep, b = 1e-3, 2",
+    "physics.named.model.site_pos['tip', 'z'] = 1.0",
+])  # fmt: skip
 def test_a_write_to_a_model_is_noticed(line: str) -> None:
     assert list(model_writes(line)) != []
 
@@ -188,12 +182,9 @@ CONTRACTS = {
 
 def broken_contracts(folder: Path) -> set[str]:
     run = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"],
-        cwd=folder,
-        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
-        capture_output=True,
-        text=True,
-    )
+        [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"], cwd=folder,
+        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}, capture_output=True, text=True,
+    )  # fmt: skip
     broken = set(re.findall(r"^(.+) BROKEN", run.stdout, re.MULTILINE))
     assert run.returncode == bool(broken), run.stdout + run.stderr
     return broken

@@ -69,12 +69,10 @@ def insert(source: Path, before: str, text: str) -> None:
 
 def run(package: Path, *arguments: str) -> str:
     done = subprocess.run(
-        [sys.executable, *arguments],
-        cwd=package.parent,
+        [sys.executable, *arguments], cwd=package.parent,
         env={**os.environ, "PYTHONPATH": f"{package.parent}:{ROOT}", "COLUMNS": "200"},
-        capture_output=True,
-        text=True,
-    )
+        capture_output=True, text=True,
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     return done.stdout
 

@@ -190,11 +190,9 @@ def a_callback(made: type[Exception] | None) -> Callable[[Regression], int]:
     return run
 
 
-@pytest.mark.parametrize(
-    "command",
-    [a_library_that_is_loaded, *map(a_callback, (None, FileNotFoundError, GraphicsError))],
-    ids=["import", "callback", "file", "graphics"],
-)
+@pytest.mark.parametrize("command", [
+    a_library_that_is_loaded, *map(a_callback, (None, FileNotFoundError, GraphicsError)),
+], ids=["import", "callback", "file", "graphics"])  # fmt: skip
 def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(monkeypatch, capsys, command):
     monkeypatch.setattr(Regression, "run", command)
     assert main(["regression"]) == 130

@@ -21,20 +21,14 @@ from tests.plants.plants import SMALL, known, small
 FPS = 20
 SIZE = (640, 360)
 RUNS = {
-    "cart-pole": {
-        "initial_state": {"phi": 0.8},
-        "schedule": {"half_length": afl.staircase((0.5,), (0.3, 1.0))},
-    },
-    "quadrotor_load.py:plant": {
-        "initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
+    "cart-pole": {"initial_state": {"phi": 0.8},
+        "schedule": {"half_length": afl.staircase((0.5,), (0.3, 1.0))}},
+    "quadrotor_load.py:plant": {"initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.7},
-        "imperfections": afl.Imperfections(input_limit=12.0, delay=0.02),
-    },
-    "cart_double_pendulum.py:plant": {
-        "initial_state": {"cart": 0.2, "lower": 0.05},
-        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.15))},
-    },
-}
+        "imperfections": afl.Imperfections(input_limit=12.0, delay=0.02)},
+    "cart_double_pendulum.py:plant": {"initial_state": {"cart": 0.2, "lower": 0.05},
+        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.15))}},
+}  # fmt: skip
 
 
 def scenario_of(name: str) -> afl.Scenario:

@@ -116,14 +116,11 @@ def test_sympy_expressions_become_terms_that_compile() -> None:
     assert result.headline.startswith("x: mass matrix, j: the inertia of body b is missing")
 
 
-@pytest.mark.parametrize(
-    ("said", "forcing"),
-    [
-        ("forcing must be linear in the inputs", lambda q, v, u: u**2),
-        ("symbol must be one of q, v, u, m, got 'k'", lambda q, v, u: u - sp.Symbol("k") * q),
-        ("expressions must have a form in Python", lambda q, v, u: u + sp.airyai(q)),
-    ],
-)
+@pytest.mark.parametrize(("said", "forcing"), [
+    ("forcing must be linear in the inputs", lambda q, v, u: u**2),
+    ("symbol must be one of q, v, u, m, got 'k'", lambda q, v, u: u - sp.Symbol("k") * q),
+    ("expressions must have a form in Python", lambda q, v, u: u + sp.airyai(q)),
+])  # fmt: skip
 def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
     q, v, u, m = sp.symbols("q v u m")
     with pytest.raises(AflMujocoError, match=said):

@@ -51,13 +51,10 @@ def test_no_body_has_a_negative_inertia() -> None:
     assert "inputs left and right are exchanged" in afl.check(turned, 50).headline
 
 
-@pytest.mark.parametrize(
-    ("factors", "said"),
-    [
-        ((1.0, -1.0, 1.0), "the bias has the other sign in the equations"),
-        ((2.0, 2.0, 2.0), "every term is doubled in the equations"),
-    ],
-)
+@pytest.mark.parametrize(("factors", "said"), [
+    ((1.0, -1.0, 1.0), "the bias has the other sign in the equations"),
+    ((2.0, 2.0, 2.0), "every term is doubled in the equations"),
+])  # fmt: skip
 def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
     plant = known("quadrotor_load.py:plant")
 

@@ -43,16 +43,12 @@ SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
 JOINT = '<joint name="arm" axis="0 1 0"/>'
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
-        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
-        (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
-        (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'),
-        (JOINT, f"<frame>{SLIDE}</frame>"),
-    ],
-)
+@pytest.mark.parametrize("change", [
+    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
+    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
+    (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
+    (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'), (JOINT, f"<frame>{SLIDE}</frame>"),
+])  # fmt: skip
 def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> None:
     weak = '<default class="weak"><joint type="slide"/><motor ctrlrange="-1 1"/></default>'
     plant = small(tmp_path, change, ("<worldbody>", f"<default>{weak}</default><worldbody>"))
@@ -84,26 +80,19 @@ def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
     assert plant.units["torque"] == "N"
 
 
-@pytest.mark.parametrize(
-    ("change", "refused"),
-    [
-        ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
-        ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
-    ],
-)
+@pytest.mark.parametrize(("change", "refused"), [
+    ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
+    ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
+])  # fmt: skip
 def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, tmp_path) -> None:
     with pytest.raises(AflMujocoError, match=refused):
         PlantModel(included(tmp_path, 2, *change))  # the compiler reads a file of a file
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "p.length = max(p.length, 0.3)",
-        "length = max(p.length, 0.3)",
-        "length = 0.3 if p.length < 0.3 else p.length",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "p.length = max(p.length, 0.3)", "length = max(p.length, 0.3)",
+    "length = 0.3 if p.length < 0.3 else p.length",
+])  # fmt: skip
 def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) -> None:
     change = ("    return {", f"    {line}\n    return {{"), ("length=p.length)", "length=length)")
     if line.startswith("p."):

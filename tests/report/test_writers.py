@@ -24,30 +24,23 @@ def draw():
 
 def matrix(folded: str = "") -> blocks.Matrix:
     return blocks.Matrix(
-        caption="How far each goes",
-        columns=("name", "distance [m]", "verdict"),
-        rows=(
-            ("first", "1.5", blocks.Cell("stays", "good")),
-            (NASTY, "−2", blocks.Cell("falls", "bad")),
-            ("third", "0", blocks.Cell("rests", "neutral")),
-            ("fourth", "–", blocks.Cell("unclear", "open")),
-        ),
-        folded=folded,
-    )
+        caption="How far each goes", columns=("name", "distance [m]", "verdict"),
+        rows=(("first", "1.5", blocks.Cell("stays", "good")),
+              (NASTY, "−2", blocks.Cell("falls", "bad")),
+              ("third", "0", blocks.Cell("rests", "neutral")),
+              ("fourth", "–", blocks.Cell("unclear", "open"))), folded=folded,
+    )  # fmt: skip
 
 
 MOVING = {"duration": 1.5, "runs": [{"controller": NASTY, "colour": "#000000"}]}
 REPLAY = blocks.Replay(name="a-run", title="A run", compute=lambda: MOVING)
 LINE = blocks.Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
 BLOCKS: tuple[blocks.Block, ...] = (
-    "It holds with `--quick` and *without*, see [there](#part).",
-    f"Given: {plain(NASTY)}",
-    "- **mass** 1 kg",
-    matrix(),
-    blocks.Section("Part", "part", (matrix("All rows"), LINE)),
+    "It holds with `--quick` and *without*, see [there](#part).", f"Given: {plain(NASTY)}",
+    "- **mass** 1 kg", matrix(), blocks.Section("Part", "part", (matrix("All rows"), LINE)),
     blocks.Section("Behind", "behind", ("in the depth", REPLAY), folded=True),
     "```sh\nafl-mujoco study 'my file.toml'\n```",
-)
+)  # fmt: skip
 REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
 
 

@@ -52,10 +52,9 @@ def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
     assert found.quantiles["least"] is None
 
 
-@pytest.mark.parametrize(
-    ("wins", "expected"),
-    [(96, verdicts.REPRODUCED), (70, verdicts.IN_PART), (52, verdicts.NOT_REPRODUCED)],
-)
+@pytest.mark.parametrize(("wins", "expected"), [
+    (96, verdicts.REPRODUCED), (70, verdicts.IN_PART), (52, verdicts.NOT_REPRODUCED),
+])  # fmt: skip
 def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
     rows = np.array([[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)])
     assert claims.schedules_claim(rows)[0].verdict == expected

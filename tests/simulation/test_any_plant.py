@@ -50,12 +50,10 @@ RENAMED = """
 def write(p):
     across = p.stick_mass * p.reach * p.reach / 3.0
     return {
-        "body sled mass": p.sled_mass,
-        "body stick mass": p.stick_mass,
-        "body stick ipos 2": p.reach,
-        "body stick inertia": (across, across, 0.01 * across),
+        "body sled mass": p.sled_mass, "body stick mass": p.stick_mass,
+        "body stick ipos 2": p.reach, "body stick inertia": (across, across, 0.01 * across),
         "option gravity 2": -p.weight,
-    }
+    }  # fmt: skip
 
 
 def terms(q, v, p):

@@ -14,17 +14,13 @@ from afl_mujoco.simulation.task import controller_policy, nearness
 from tests.plants.plants import EXAMPLES, known
 
 PLANTS = {
-    "quadrotor_load.py:plant": {
-        "start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
+    "quadrotor_load.py:plant": {"start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.6},
-        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left"),
-    },
-    "cart_double_pendulum.py:plant": {
-        "start": {"lower": 0.02},
+        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left")},
+    "cart_double_pendulum.py:plant": {"start": {"lower": 0.02},
         "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.1))},
-        "push": afl.Impulse(momentum=0.01, time=0.3333),
-    },
-}
+        "push": afl.Impulse(momentum=0.01, time=0.3333)},
+}  # fmt: skip
 
 
 def scenario_of(name: str, **changes: object) -> afl.Scenario:

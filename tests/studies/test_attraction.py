@@ -17,17 +17,12 @@ from afl_mujoco.studies.shared.run import run_all
 
 RIG = afl.Scenario(
     name="rig",
-    schedule={
-        "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
-        "half_length": afl.constant(1.5),
-        "pole_mass": 0.2,
-    },
-    duration=5.0,
-    initial_state=(0.1, 0.2, 0.0, 0.0),
+    schedule={"cart_mass": afl.staircase([1.0], [8.0, 10.0]), "half_length": afl.constant(1.5),
+              "pole_mass": 0.2}, duration=5.0, initial_state=(0.1, 0.2, 0.0, 0.0),
     disturbances=(afl.ForcePulse(force=20.0, start=2.0, duration=0.1),),
     imperfections=Imperfections(control_period=0.01, delay=0.004, input_limit=150.0),
     requirements=Requirements(max={"z": 1.0}),
-)
+)  # fmt: skip
 PLAIN = replace(RIG, requirements=Requirements(), duration=12.0)
 LQR = afl.CONTROLLERS["lqr"]
 

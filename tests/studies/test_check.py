@@ -174,15 +174,12 @@ def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
     assert "MuJoCo is not the tree of its MJCF" in result.headline
 
 
-@pytest.mark.parametrize(
-    ("id", "terms"),
-    [
-        ("D1", lambda m, h, b, v: (m + np.triu(np.ones_like(m), 1), h, b)),
-        ("D2", lambda m, h, b, v: (-np.asarray(m), h, b)),
-        ("D3", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2] ** 2, b)),
-        ("D4", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2], b)),
-    ],
-)
+@pytest.mark.parametrize(("id", "terms"), [
+    ("D1", lambda m, h, b, v: (m + np.triu(np.ones_like(m), 1), h, b)),
+    ("D2", lambda m, h, b, v: (-np.asarray(m), h, b)),
+    ("D3", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2] ** 2, b)),
+    ("D4", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2], b)),
+])  # fmt: skip
 def test_terms_that_no_body_has_break_an_invariant(id: str, terms) -> None:
     plant = known(QUAD)
     usual = plant.terms

@@ -36,11 +36,9 @@ def loop_margins(loop, *hardware):
 def at(plant, imperfections=None, belief=None):
     """A cart-pole at rest."""
     return Scenario(
-        name="at rest",
-        schedule=asdict(plant),
-        imperfections=imperfections or Imperfections(),
+        name="at rest", schedule=asdict(plant), imperfections=imperfections or Imperfections(),
         belief=belief or Belief(),
-    )
+    )  # fmt: skip
 
 
 def linearize(controller, plant, imperfections=None, belief=None):
@@ -259,16 +257,11 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     assert other.delay == pytest.approx(one.delay - 0.002, rel=0.01)  # a lag is nearly a delay
 
 
-@pytest.mark.parametrize(
-    "hardware",
-    [
-        Imperfections(delay=0.0123, lag=0.005, damping={"z": 1.0}),
-        Imperfections(differentiated=True),
-        Imperfections(velocity_filter=0.02),
-        Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, lag=0.005),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize("hardware", [
+    Imperfections(delay=0.0123, lag=0.005, damping={"z": 1.0}), Imperfections(differentiated=True),
+    Imperfections(velocity_filter=0.02),
+    Imperfections(differentiated=True, velocity_filter=0.01, delay=0.0123, lag=0.005),
+], ids=str)  # fmt: skip
 def test_margins_and_measurement_agree_on_imperfect_hardware(hardware: Imperfections) -> None:
     scenario = at(NOMINAL, hardware, Belief.of({"half_length": {"error": 0.1}}))
     found = run(Request(scenario, [afl.CONTROLLERS["lqr"]], {}, 0.005, measured=[()]))

@@ -87,14 +87,11 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
 def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> None:
     own = afl.Scenario(
         name="own",
-        schedule={
-            "pole_mass": 0.2,
-            "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
-            "half_length": afl.constant(1.5),
-        },
+        schedule={"pole_mass": 0.2, "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
+                  "half_length": afl.constant(1.5)},
         imperfections=Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
         ranges=Ranges(varied={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)}),
-    )
+    )  # fmt: skip
     afl.save_scenario(own, tmp_path / "own.toml")
     asked = margins.Options(
         scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False
@@ -282,24 +279,16 @@ def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() 
     def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> margins.Row:
         place = {"cart_mass": mass, "half_length": 0.05}
         return margins.Row(
-            controller=name,
-            loop=margins.MEASURED,
-            input="force",
-            parameters=place,
-            stable=stable,
+            controller=name, loop=margins.MEASURED, input="force", parameters=place, stable=stable,
             **found,
-        )
+        )  # fmt: skip
 
     result = replace(
-        MADE_UP,
-        not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
-        rows=(
-            motion("mine", 2.0, gain_decrease=0.25, gain_increase=8.0, delay=0.0),
-            motion("mine", 0.1, gain_decrease=0.5, delay=0.02),
-            motion("wild", 2.0, stable=False),
-            motion("wild", 0.1),
-        ),
-    )
+        MADE_UP, not_linear={"mine": "has a memory", "wild": "must be smooth", "biased": "pushes"},
+        rows=(motion("mine", 2.0, gain_decrease=0.25, gain_increase=8.0, delay=0.0),
+              motion("mine", 0.1, gain_decrease=0.5, delay=0.02), motion("wild", 2.0, stable=False),
+              motion("wild", 0.1)),
+    )  # fmt: skip
     (rows,) = matrices(result)
     least, other = "2 kg, 0.05 m", "0.1 kg, 0.05 m"
     assert rows == [

@@ -123,15 +123,11 @@ def raises(t, state, belief):
     return ADAPTIVE.force(state, belief)
 
 
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (raises, "raised RuntimeError at t = "),
-        (lambda t, x, b: np.zeros(2), "must return one number at t = 0 s, got an array of shape"),
-        (hangs, "must answer within 0.05 s (--call-limit), but did not at t = 0 s"),
-    ],
-    ids=["raises", "wrong shape", "hangs"],
-)
+@pytest.mark.parametrize(("function", "message"), [
+    (raises, "raised RuntimeError at t = "),
+    (lambda t, x, b: np.zeros(2), "must return one number at t = 0 s, got an array of shape"),
+    (hangs, "must answer within 0.05 s (--call-limit), but did not at t = 0 s"),
+], ids=["raises", "wrong shape", "hangs"])  # fmt: skip
 def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(function, message) -> None:
     limits = dict.fromkeys(("call_limit", "first_call_limit"), 5.0 if function is raises else 0.05)
     own = PythonController(name="broken", function=function, **limits)
@@ -221,11 +217,8 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
     files |= {one["file"] for one in content["worst_cases"]}
     assert written(tmp_path / "out") == {
-        *content["files"],
-        *files,
-        "montecarlo.json",
-        "report.html",
-    }
+        *content["files"], *files, "montecarlo.json", "report.html",
+    }  # fmt: skip
     assert {"montecarlo.md", "montecarlo-rates.svg"} <= {*content["files"]}
     again = program("montecarlo", *words, "one", "--workers", "1", cwd=tmp_path)
     assert again.returncode == 0

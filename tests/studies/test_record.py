@@ -181,22 +181,19 @@ BARE = {"schema": 5, "study": "margins", "command": "", "versions": {}, "inputs"
 LONG = BARE | {"scenario": "s", "control_period": "long"}
 
 
-@pytest.mark.parametrize(
-    ("content", "rule"),
-    [
-        ("{", "is not a result of afl-mujoco margins: "),
-        ("[]", "is not a result of afl-mujoco margins: "),
-        ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
-        ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
-        ('{"schema": 5, "study": "margins"}', "'command' is missing"),
-        (json.dumps(BARE | {"command": 3}), "command must be a string"),
-        (json.dumps(LONG), "control_period must be a number, got 'lo"),
-        (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
-        (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
-        (json.dumps(BARE | {"files": 3}), "files must be an object, got 3"),
-        ('{"schema": NaN}', "NaN is not a JSON number"),
-    ],
-)
+@pytest.mark.parametrize(("content", "rule"), [
+    ("{", "is not a result of afl-mujoco margins: "),
+    ("[]", "is not a result of afl-mujoco margins: "),
+    ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
+    ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
+    ('{"schema": 5, "study": "margins"}', "'command' is missing"),
+    (json.dumps(BARE | {"command": 3}), "command must be a string"),
+    (json.dumps(LONG), "control_period must be a number, got 'lo"),
+    (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
+    (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
+    (json.dumps(BARE | {"files": 3}), "files must be an object, got 3"),
+    ('{"schema": NaN}', "NaN is not a JSON number"),
+])  # fmt: skip
 def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(tmp_path, content, rule) -> None:
     (tmp_path / "margins.json").write_text(content)
     said = line(f"{tmp_path}/margins.json", ..., rule, ..., "run afl-mujoco margins")
@@ -204,15 +201,10 @@ def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(tmp_path, conte
         load_records(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "spoil",
-    [
-        lambda path: path.write_bytes(path.read_bytes()[:500]),
-        lambda path: np.savez(path, other=np.ones(2)),
-        lambda path: path.unlink(),
-    ],
-    ids=["truncated", "other names", "gone"],
-)
+@pytest.mark.parametrize("spoil", [
+    lambda path: path.write_bytes(path.read_bytes()[:500]),
+    lambda path: np.savez(path, other=np.ones(2)), lambda path: path.unlink(),
+], ids=["truncated", "other names", "gone"])  # fmt: skip
 def test_arrays_that_are_spoilt_are_one_line_with_what_mends_it(tmp_path: Path, spoil) -> None:
     save_record(study_results.record("compare"), tmp_path, figures=False)
     spoil(tmp_path / "compare.npz")

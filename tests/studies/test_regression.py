@@ -124,19 +124,15 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines: Path) -> N
 
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [
-        ("", "Invalid JSON"),
-        ("<<<<<<< HEAD", "Invalid JSON"),
-        ("[]", "must be a table"),
-        ("{}", "scenario is missing"),
-        (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
-        (text(made("other")), "its file must be named other.fixed.json"),
-        (text(made()).replace("59.0", '"fast"'), "must be a number, got 'fast'"),
-        (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
-        (text(made()).replace("2.5", "NaN"), "objective must be finite, got nan"),
-    ],
+    [("", "Invalid JSON"), ("<<<<<<< HEAD", "Invalid JSON"), ("[]", "must be a table"),
+     ("{}", "scenario is missing"),
+     (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
+     (text(made("other")), "its file must be named other.fixed.json"),
+     (text(made()).replace("59.0", '"fast"'), "must be a number, got 'fast'"),
+     (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
+     (text(made()).replace("2.5", "NaN"), "objective must be finite, got nan")],
     ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
-)
+)  # fmt: skip
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(baselines, content, reason) -> None:
     (baselines / "step-step.fixed.json").write_text(content)
     said = line(f"{baselines}/step-step.fixed.json is not a baseline: ", ..., reason, ...)
@@ -220,16 +216,13 @@ def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
     assert path.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("--baselines none", "baseline folder none must exist; make baselines makes it"),
-        ("--baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-        ("--update --baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-        ("--update --baselines /proc/afl", "output folder /proc/afl cannot be written"),
-        ("--baselines bad/x.json", "baseline folder bad/x.json must exist"),
-    ],
-)
+@pytest.mark.parametrize(("line", "message"), [
+    ("--baselines none", "baseline folder none must exist; make baselines makes it"),
+    ("--baselines bad", "bad/x.json is not a baseline: scenario is missing"),
+    ("--update --baselines bad", "bad/x.json is not a baseline: scenario is missing"),
+    ("--update --baselines /proc/afl", "output folder /proc/afl cannot be written"),
+    ("--baselines bad/x.json", "baseline folder bad/x.json must exist"),
+])  # fmt: skip
 def test_a_bad_folder_is_one_line_and_exit_2(tmp_path, refuses, line, message) -> None:
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "x.json").write_text("{}")

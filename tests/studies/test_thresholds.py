@@ -97,18 +97,14 @@ def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
     assert len(robustness.seeds(False, CASES, SETTINGS)) == 1
 
 
-@pytest.mark.parametrize(
-    ("own", "put", "found"),
-    [
-        ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
-        ({"input_limit": 60.0}, {"input_limit": 1000.0}, {"input_limit": 60.0}),
-        ({"input_limit": 60.0}, {"input_limit": 50.0}, {"input_limit": 50.0}),
-        ({}, {"input_limit": 50.0}, {"input_limit": 50.0}),
-        ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
-        ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("own", "put", "found"), [
+    ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
+    ({"input_limit": 60.0}, {"input_limit": 1000.0}, {"input_limit": 60.0}),
+    ({"input_limit": 60.0}, {"input_limit": 50.0}, {"input_limit": 50.0}),
+    ({}, {"input_limit": 50.0}, {"input_limit": 50.0}),
+    ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
+    ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
+], ids=str)  # fmt: skip
 def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None:
     scenario = replace(CASE, imperfections=IDEAL.changed(own))
     (on_top,) = robustness.on_hardware((scenario,), [put])
@@ -122,17 +118,11 @@ def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found
     assert on_top.belief.error("cart_mass_error") == pytest.approx(found)
 
 
-@pytest.mark.parametrize(
-    ("name", "own", "reference"),
-    [
-        ("delay", {}, 0.002),
-        ("delay", {"delay": 0.001}, 0.002),
-        ("delay", {"delay": 0.04}, 0.04),
-        ("input_limit", {"input_limit": 60.0}, 50.0),
-        ("input_limit", {"input_limit": 20.0}, 20.0),
-        ("combined", {"delay": 0.04}, 1.0),
-    ],
-)
+@pytest.mark.parametrize(("name", "own", "reference"), [
+    ("delay", {}, 0.002), ("delay", {"delay": 0.001}, 0.002), ("delay", {"delay": 0.04}, 0.04),
+    ("input_limit", {"input_limit": 60.0}, 50.0), ("input_limit", {"input_limit": 20.0}, 20.0),
+    ("combined", {"delay": 0.04}, 1.0),
+])  # fmt: skip
 def test_the_reference_is_no_milder_than_the_scenario(name, own, reference) -> None:
     scenario = replace(CASE, imperfections=IDEAL.changed(own))
     assert (

@@ -59,13 +59,10 @@ def test_a_coordinate_that_nothing_depends_on_takes_nothing_from_the_margins() -
     assert held is not None and 0.0 < held.delay
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("0.01 * v[1]", "0.01 * (v[0] + v[1])", "has +0.01 pole_dot more: a relative rate in its"),
-        ("+ 0.5 * 0.4**2", "", ", or "),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("0.01 * v[1]", "0.01 * (v[0] + v[1])", "has +0.01 pole_dot more: a relative rate in its"),
+    ("+ 0.5 * 0.4**2", "", ", or "),
+])  # fmt: skip
 def test_a_mistake_has_its_name_or_those_that_look_alike(old, new, said) -> None:
     source = inspect.getsource(terms)
     assert source.count(old) == 1

@@ -26,14 +26,10 @@ from tests.study_results import record
 from tests.verification_result import make_result
 
 SHORT = replace(
-    afl.SCENARIOS["step-trapezoid"],
-    name="short",
-    duration=1.2,
-    disturbances=(
-        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
-        afl.Impulse(momentum=-1.0, time=0.8),
-    ),
-)
+    afl.SCENARIOS["step-trapezoid"], name="short", duration=1.2,
+    disturbances=(afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
+        afl.Impulse(momentum=-1.0, time=0.8)),
+)  # fmt: skip
 USED = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
 
 
@@ -206,18 +202,15 @@ def test_report_json_has_its_public_form(b3: float | None, verdict: str, tmp_pat
 
 GONE = object()
 BROKEN = (
-    (("verdict",), "fail", "verdict must be 'pass'"),
-    (("scenarios", 1), GONE, "scenarios must be"),
-    (("curves",), {}, "curves must hold"),
-    (("checks",), GONE, "checks"),
+    (("verdict",), "fail", "verdict must be 'pass'"), (("scenarios", 1), GONE, "scenarios must be"),
+    (("curves",), {}, "curves must hold"), (("checks",), GONE, "checks"),
     (("checks", 0, "value"), GONE, "checks[0].value is missing"),
     (("checks", 0, "value"), 5.0, "passed must follow from value and limit"),
     (("checks", 0, "id"), "Z9", "check must be one of A1, "),
     (("error_budgets", 0, "total"), "much", "error_budgets[0].total must be a number"),
     (("runs",), [], "scenarios must be those of the runs"),
-    (("colour",), "red", "colour is not a known key"),
-    (("schema",), 7, "schema 1"),
-)
+    (("colour",), "red", "colour is not a known key"), (("schema",), 7, "schema 1"),
+)  # fmt: skip
 
 
 @pytest.mark.parametrize(("place", "value", "words"), BROKEN)

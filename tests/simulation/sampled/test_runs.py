@@ -100,16 +100,12 @@ BEYOND = afl.piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"initial_state": (0, -1.6, 0, 0)},
-        {"initial_state": (0, 1.569, 0, 10.0)},
-        {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
-        {"schedule": {"cart_mass": RAMP, "half_length": RAMP}},
-        {"schedule": {"cart_mass": BEYOND, "half_length": BEYOND}},
-        {"disturbances": ()},
-    ],
+    [{"initial_state": (0, -1.6, 0, 0)}, {"initial_state": (0, 1.569, 0, 10.0)},
+     {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
+     {"schedule": {"cart_mass": RAMP, "half_length": RAMP}},
+     {"schedule": {"cart_mass": BEYOND, "half_length": BEYOND}}, {"disturbances": ()}],
     ids=["starts fallen", "no force", "falls", "ramp to the end", "ramp beyond both", "calm"],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("name", ["fixed-nominal", "adaptive"])
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
     schedule = odd_scenario.schedule | changes.get("schedule", {})

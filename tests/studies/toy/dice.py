@@ -68,12 +68,9 @@ def report(result: Result) -> Report:
     title = f"{len(result.eyes)} throws"
     return Report(
         headline=f"The mean is {result.eyes.mean():.2f}.",
-        blocks=(
-            "*Fair* dice.",
-            Matrix(caption="Every throw", columns=("Throw", "Eyes"), rows=rows),
-            Figure(name="dice", title=title, draw=partial(_draw, result.eyes)),
-        ),
-    )
+        blocks=("*Fair* dice.", Matrix(caption="Every throw", columns=("Throw", "Eyes"), rows=rows),
+                Figure(name="dice", title=title, draw=partial(_draw, result.eyes))),
+    )  # fmt: skip
 
 
 def _draw(eyes: Any) -> Any:

@@ -46,14 +46,10 @@ def test_runs_as_published_reproduce_every_claim_on_performance() -> None:
     assert (claims["C2"].here, claims["C7"].here, claims["C8"].here) == (5.0, 32.0, 5.0)
 
 
-@pytest.mark.parametrize(
-    ("objective", "expected"),
-    [
-        (0.66, ledger.EVERY),
-        (0.75, "not reproduced; met under 100.0 % of readings"),
-        (None, "not reproduced; met under 100.0 % of readings"),
-    ],
-)
+@pytest.mark.parametrize(("objective", "expected"), [
+    (0.66, ledger.EVERY), (0.75, "not reproduced; met under 100.0 % of readings"),
+    (None, "not reproduced; met under 100.0 % of readings"),
+])  # fmt: skip
 def test_an_improvement_is_judged_under_every_reading(objective, expected) -> None:
     runs = as_published()
     runs["step-step", "adaptive"] = figures(objective, 0.5, 4.0)
