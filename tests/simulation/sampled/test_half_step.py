@@ -11,11 +11,9 @@ LEVELS = 4
 
 FAST = afl.Scenario(
     name="fast", duration=2.0,
-    schedule={
-        "cart_mass": afl.staircase([0.5], [0.1, 0.3]),
-        "half_length": afl.staircase([1.0], [0.05, 0.1]),
-    },
-    initial_state=(0.0, 0.2, 0.0, 0.0), imperfections=Imperfections(control_period=0.002),
+    schedule={"cart_mass": afl.staircase([0.5], [0.1, 0.3]),
+              "half_length": afl.staircase([1.0], [0.05, 0.1])}, initial_state=(0.0, 0.2, 0.0, 0.0),
+    imperfections=Imperfections(control_period=0.002),
 )  # fmt: skip
 """A light cart and a short pole, on which damping and inertias act fastest."""
 
