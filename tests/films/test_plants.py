@@ -1,7 +1,4 @@
-"""Films of any plant."""
-
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -36,7 +33,6 @@ def scenario_of(name: str) -> afl.Scenario:
 
 
 def still(plant: afl.Plant) -> PythonController:
-    """Return a controller without force, under which a plant falls."""
     nothing = np.zeros(len(plant.inputs))
     return PythonController(name="still", plant=plant, function=lambda t, x, p: nothing)
 
@@ -96,8 +92,7 @@ def test_the_ghost_is_the_loop_without_imperfections():
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed().on(scenario), FPS)
     ideal = record(scenario.ideal, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     np.testing.assert_array_equal(replay.ideal, ideal.state)
-    assert ideal.ideal is None
-    assert not np.array_equal(replay.state, ideal.state)
+    assert ideal.ideal is None and not np.array_equal(replay.state, ideal.state)
 
 
 def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
@@ -113,7 +108,7 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
 
 
 @pytest.mark.parametrize("camera", [False, True], ids=["free", "its own"])
-def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, camera):
+def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path, camera):
     own = '<light pos="0 0 3"/><camera name="a" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>' * camera
     plant = small(tmp_path, ("<worldbody>", f"<worldbody>{own}"))
     assert SMALL.count("<camera") == 0
@@ -121,8 +116,7 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, cam
     replay = record(scenario, still(plant), Deployed(), FPS)
     with open_scene([replay], FPS, SIZE, Frame()) as scene:
         (path,) = scene.stage.paths
-        assert (path.aims is None) == camera
-        assert np.ptp(scene.draw(replay, 0, path)[0]) > 50
+        assert (path.aims is None) == camera and np.ptp(scene.draw(replay, 0, path)[0]) > 50
 
 
 SLIDER = """<mujoco><worldbody>{more}<body name="b">
