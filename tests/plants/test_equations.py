@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants import equations
 from afl_mujoco.plants.equations import Equations, Points, load_equations
 from tests.plants import plants
@@ -24,22 +23,24 @@ def points(plant: afl.Plant, count: int = 20) -> Points:
     return Points(q, v, u, np.tile(plant.nominal, (count, 1)))
 
 
-def test_compiled_and_interpreted_give_the_same() -> None:
+def test_compiled_and_interpreted_give_the_same_with_one_key_in_every_process(tmp_path) -> None:
     plant = known("cart_double_pendulum.py:plant")
     found = load_equations(plant, points(plant))
     assert found.how == "compiled"
     slow = Equations(plant, equations._interpreted(plant), "")
     np.testing.assert_allclose(found.at(points(plant)), slow.at(points(plant)), rtol=1e-12)
+    """Else nothing would be found in the cache."""
+    body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
+    plant = small(tmp_path, plants.equations(body))
+    said = [*equations._read(plant.accelerations, {})]
+    assert not any(" at 0x" in text for text in said)
 
 
-def test_what_numba_cannot_compile_is_interpreted_and_said(tmp_path: Path) -> None:
+def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, monkeypatch):
     plant = small(tmp_path, plants.equations("return {'a': [u[0], sin(q[1])]}.pop('a')"))
     found = load_equations(plant, points(plant))
     assert found.how.startswith("interpreted: ")
     np.testing.assert_allclose(found.at(points(plant))[:, 0], points(plant).u[:, 0])
-
-
-def test_compiled_code_that_gives_other_numbers_is_not_used(tmp_path, monkeypatch) -> None:
     plant = small(tmp_path, plants.equations("return u[0], q[0]"))
 
     def wrong(q, v, u, p, out):
@@ -88,14 +89,6 @@ def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None
         assert [how for _, how in said[i][:2]] == ["compiled"] * 2
 
 
-def test_the_key_of_compiled_code_is_the_same_in_every_process(tmp_path: Path) -> None:
-    """Else nothing would be found in the cache."""
-    body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
-    plant = small(tmp_path, plants.equations(body))
-    said = [*equations._read(plant.accelerations, {})]
-    assert not any(" at 0x" in text for text in said)
-
-
 def test_sympy_expressions_become_terms_that_compile() -> None:
     t = sp.Symbol("t")
     q = sp.Function("q")(t)
@@ -123,5 +116,5 @@ def test_sympy_expressions_become_terms_that_compile() -> None:
 ])  # fmt: skip
 def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
     q, v, u, m = sp.symbols("q v u m")
-    with pytest.raises(AflMujocoError, match=said):
+    with pytest.raises(afl.AflMujocoError, match=said):
         afl.from_sympy([[m]], [forcing(q, v, u)], [q], [v], [u], [m])

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plants.plant import Plant
 from tests.plants.plants import known
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -17,8 +16,8 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 </body></worldbody></mujoco>"""
 
 
-def arm(terms, **parameters: afl.Parameter) -> Plant:
-    return Plant(
+def arm(terms, **parameters: afl.Parameter) -> afl.Plant:
+    return afl.Plant(
         name="arm", model=ARM, coordinates=("arm",), terms=terms, parameters=parameters,
         write=lambda p: {"joint arm damping": p.damping} if parameters else {},
     )  # fmt: skip
@@ -64,13 +63,11 @@ def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
     assert said in afl.check(replace(plant, terms=terms), 50).headline
 
 
-def test_a_small_share_is_said_to_be_small() -> None:
+def test_a_small_share_is_said_to_be_small_and_a_parameter_has_no_value_of_its_own() -> None:
     g = 9.81 * (1.0 + 1e-7)
     own = arm(lambda q, v, p: (((2.0,),), (g * math.sin(q[0]) + 0.1 * v[0],), ((),)))
     assert "gravity is 1 + 1e-07 times MuJoCo's" in afl.check(own, 50).headline
 
-
-def test_what_is_a_parameter_has_no_value_of_its_own_in_mujoco() -> None:
     def terms(q, v, p):
         return ((2.0,),), (9.81 * math.sin(q[0]) + (p.damping + 0.2) * v[0],), ((),)
 

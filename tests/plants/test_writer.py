@@ -6,20 +6,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.errors import AflMujocoError
+import afl_mujoco as afl
 from afl_mujoco.plants.library import write_row
-from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import NAMES, SMALL, known, small
 
 
-def drawn(plant: Plant, count: int) -> np.ndarray:
+def drawn(plant: afl.Plant, count: int) -> np.ndarray:
     low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
     return np.random.default_rng(0).uniform(low, high, (count, len(low)))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_in_place_equals_afresh_number_for_number(name: str) -> None:
+def test_in_place_equals_afresh_and_rows_from_arrays_are_those_made_one_by_one(name) -> None:
     plant = known(name)
     model = PlantModel(plant)
     rows = model.rows(drawn(plant, 100))
@@ -29,10 +28,6 @@ def test_in_place_equals_afresh_number_for_number(name: str) -> None:
         model.write(row)
         assert model.differing(row) == {}
     assert np.all(model.mj_data.qpos == 0.3)  # mj_setConst has its own data
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_rows_from_arrays_are_those_made_one_by_one(name: str) -> None:
     model, p = PlantModel(known(name)), drawn(known(name), 7)
     one_by_one = [model.rows(row)[0] for row in p]
     np.testing.assert_allclose(model.rows(p), one_by_one, rtol=1e-12)
@@ -62,8 +57,7 @@ def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> N
 LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
 
 
-def included(folder, deep: int, old: str, new: str) -> Plant:
-    """The small plant with an element in another file, `deep` files away."""
+def included(folder, deep: int, old: str, new: str) -> afl.Plant:
     for i in range(deep):
         (folder / f"{i}.xml").write_text(f"<mujoco>{new}</mujoco>")
         new = f'<include file="{i}.xml"/>'
@@ -85,7 +79,7 @@ def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
     ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
 ])  # fmt: skip
 def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, tmp_path) -> None:
-    with pytest.raises(AflMujocoError, match=refused):
+    with pytest.raises(afl.AflMujocoError, match=refused):
         PlantModel(included(tmp_path, 2, *change))  # the compiler reads a file of a file
 
 
@@ -96,7 +90,7 @@ def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, 
 def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) -> None:
     change = ("    return {", f"    {line}\n    return {{"), ("length=p.length)", "length=length)")
     if line.startswith("p."):
-        with pytest.raises(AflMujocoError, match="write must not change p"):
+        with pytest.raises(afl.AflMujocoError, match="write must not change p"):
             plant = small(tmp_path, *change[:1])
             PlantModel(plant).rows(drawn(plant, 50))
         return
@@ -106,15 +100,12 @@ def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) 
     np.testing.assert_array_equal(center, np.maximum(p[:, 1], 0.3) / 2)
 
 
-def test_a_write_that_sums_over_its_arrays_is_not_believed(tmp_path) -> None:
+def test_a_write_that_sums_over_arrays_is_not_believed_and_order_is_no_matter(tmp_path) -> None:
     sums = ("p.length / 2,", "float(__import__('numpy').sum(p.length)) / 2,")
     plant = small(tmp_path, sums)
     model, p = PlantModel(plant), drawn(plant, 5)
     half = model.rows(p)[:, [str(x) for x in model.targets].index("geom arm size 1")]
     np.testing.assert_array_equal(half, p[:, 1] / 2)
-
-
-def test_the_order_of_what_is_written_is_no_matter(tmp_path) -> None:
     last = '"geom arm pos 2": p.length / 2}'
     turned = last + ".items(), reverse=bool(p.length > 0.4)))"
     plant = small(tmp_path, ("    return {", "    return dict(sorted({"), (last, turned))
@@ -167,10 +158,10 @@ def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path
     if mass == "0":
         PlantModel(plant)
         return
-    with pytest.raises(AflMujocoError, match="a geom that has its mass"):
+    with pytest.raises(afl.AflMujocoError, match="a geom that has its mass"):
         PlantModel(plant)
 
 
 def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
-    with pytest.raises(AflMujocoError, match="p has mass, length; did you mean length"):
+    with pytest.raises(afl.AflMujocoError, match="p has mass, length; did you mean length"):
         PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))

@@ -39,10 +39,8 @@ def scenarios(draw):
 
     return afl.Scenario(
         name=draw(NAMES),
-        schedule={
-            "cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
-            "gravity": draw(POSITIVE),
-        },
+        schedule={"cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
+                  "gravity": draw(POSITIVE)},
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
         duration=draw(st.floats(10, 1e3)), imperfections=draw(IMPERFECTIONS), belief=draw(BELIEFS),
@@ -92,9 +90,8 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
     assert scenario.half_length.at(3.0) == 0.4
     assert scenario.cart_mass([0.5, 1, 4, 4.5, 5, 6.5, 8]).tolist() == [0.5, 1, 1, 1.5, 2, 1.5, 3]
     assert scenario.disturbances == (
-        afl.ForcePulse(force=-10, start=10, duration=0.1),
-        afl.Impulse(momentum=1, time=5),
-    )
+        afl.ForcePulse(force=-10, start=10, duration=0.1), afl.Impulse(momentum=1, time=5),
+    )  # fmt: skip
 
 
 def test_what_a_file_leaves_out_is_nominal(tmp_path):
@@ -176,12 +173,6 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     said = str(caught.value)
     assert said.startswith(f"{path}: {message}") or said.startswith(f"{path} {message}")
     assert "\n" not in said
-
-
-def test_find_takes_a_name_or_a_file(tmp_path):
-    afl.save_scenario(afl.SCENARIOS["step-step"], tmp_path / "mine.toml")
-    assert afl.find_scenario("step-step") is afl.SCENARIOS["step-step"]
-    assert afl.find_scenario(str(tmp_path / "mine.toml")) == afl.SCENARIOS["step-step"]
 
 
 def rollouts(scenario, controller):
