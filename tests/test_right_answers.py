@@ -61,8 +61,7 @@ def test_any_control_period_runs_in_every_study(period: float, tmp_path: Path, m
     settings = run.provenance["settings"]
     hold = round(period / settings["timestep"])
     assert hold * settings["timestep"] == pytest.approx(period, rel=1e-12)
-    assert settings["timestep"] <= 1e-3
-    assert run.time[-1] == pytest.approx(0.5, abs=1e-9)
+    assert settings["timestep"] <= 1e-3 and run.time[-1] == pytest.approx(0.5, abs=1e-9)
     assert set(np.flatnonzero(np.diff(run.command[:-1])) + 1) <= set(range(0, len(run.time), hold))
     quick = ("--controllers", "lqr", "--no-page", "--out", "out", "--workers", "1")
     assert main(["montecarlo", "hz.toml", "--samples", "2", "--no-worst-case", *quick]) == 0
@@ -97,9 +96,8 @@ def test_the_force_is_the_one_exerted_and_not_its_mean_over_a_step(delay: float)
 def test_all_of_a_pulse_acts_in_sampled_as_in_exact_mode(start: float) -> None:
     """The force of the middle of each step lost it, or acted with 2 N s in place of 1.6."""
     pulse = afl.ForcePulse(force=2000.0, start=start, duration=0.0008)
-    scenario = afl.Scenario(
-        name="pulse", initial_state=(0.0,) * 4, duration=3.0, disturbances=(pulse,)
-    )
+    acts = {"initial_state": (0.0,) * 4, "disturbances": (pulse,)}
+    scenario = afl.Scenario(name="pulse", duration=3.0, **acts)
     for mode in ("sampled", "exact"):
         far = np.abs(afl.simulate_mujoco(scenario, "lqr", mode).state[:, 0]).max()
         assert far == pytest.approx(0.1293, abs=2e-4)
@@ -209,9 +207,7 @@ def test_a_belief_that_breaks_its_rule_is_one_line(tmp_path: Path, belief: str, 
         afl.load_scenario(tmp_path / "b.toml")
 
 
-def test_validate_compares_the_ideal_part_of_a_file_and_judges_the_deployed_run(
-    tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_validate_compares_the_ideal_part_and_judges_a_deployed_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text(
         "duration = 2.0\ninitial_state = [0, 0.1, 0, 0]\n[imperfections]\ndelay = 0.3\n"
