@@ -57,7 +57,6 @@ def odd_scenario():
 
 @pytest.fixture
 def smooth_scenario(odd_scenario, odd_parameters):
-    """An odd plant that neither changes nor is disturbed."""
     schedule = asdict(odd_parameters)
     return replace(odd_scenario, name="smooth", schedule=schedule, disturbances=())
 
@@ -114,8 +113,7 @@ def refuses(command_line, tmp_path, monkeypatch):
         code, output, errors = command_line(*arguments)
         assert (code, output) == (2, ""), errors
         (line,) = errors.splitlines()
-        assert line.startswith("afl-mujoco: ")
-        assert sorted(tmp_path.rglob("*")) == before
+        assert line.startswith("afl-mujoco: ") and sorted(tmp_path.rglob("*")) == before
         return line
 
     return check

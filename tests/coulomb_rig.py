@@ -31,7 +31,6 @@ class CoulombRig:
 
     @property
     def physical(self):
-        """What is to be found, by the names of the estimates."""
         return {
             "half_length": self.half_length, "cart_mass": self.cart_mass, "force": self.force,
             "rail_damping": self.rail_damping, "rail_friction": self.friction,
@@ -49,9 +48,8 @@ class CoulombRig:
         pull = force - self.rail_damping * z_dot - self.friction * way
         pull -= arm * phi_dot**2 * np.sin(phi)
         c = arm * np.cos(phi)
-        return tuple(
-            np.linalg.solve([[self.cart_mass + m, -c], [-c, inertia]], [pull, torque]).tolist()
-        )
+        mass = [[self.cart_mass + m, -c], [-c, inertia]]
+        return tuple(np.linalg.solve(mass, [pull, torque]).tolist())
 
     def holding(self, state, force):
         """The force of the rail that holds the cart where it stands."""
@@ -92,7 +90,6 @@ class CoulombRig:
                 way = float(np.sign(self.holding(state, force)))
 
     def way_of(self, state, force):
-        """The sign of the sliding, None where the cart sticks."""
         if abs(state[2]) > 0.0:
             return float(np.sign(state[2]))
         held = self.holding(state, force)
@@ -125,24 +122,17 @@ class CoulombRig:
 
 
 RIGS = (
-    CoulombRig(
-        cart_mass=0.5, pole_mass=0.1, half_length=0.2, force=9.0, friction=1.0, rail_damping=4.0,
-        hinge_damping=3e-4, delay=0.006,
-    ),
-    CoulombRig(
-        cart_mass=1.2, pole_mass=0.2, half_length=0.3, force=14.0, friction=3.0, rail_damping=3.0,
-        hinge_damping=5e-4, delay=0.003,
-    ),
-    CoulombRig(
-        cart_mass=0.4, pole_mass=0.06, half_length=0.15, force=7.0, friction=0.5,
-        rail_damping=2.0, hinge_damping=1e-4, delay=0.01,
-    ),
+    CoulombRig(cart_mass=0.5, pole_mass=0.1, half_length=0.2, force=9.0, friction=1.0,
+               rail_damping=4.0, hinge_damping=3e-4, delay=0.006),
+    CoulombRig(cart_mass=1.2, pole_mass=0.2, half_length=0.3, force=14.0, friction=3.0,
+               rail_damping=3.0, hinge_damping=5e-4, delay=0.003),
+    CoulombRig(cart_mass=0.4, pole_mass=0.06, half_length=0.15, force=7.0, friction=0.5,
+               rail_damping=2.0, hinge_damping=1e-4, delay=0.01),
 )  # fmt: skip
 """Three rigs with little, much and moderate dry friction."""
 
 
 def random_rig(seed):
-    """A rig drawn at random, with the sensors of good hardware."""
     u = np.random.default_rng(seed).uniform
     return CoulombRig(
         cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
@@ -152,5 +142,4 @@ def random_rig(seed):
 
 
 def description_of(rig):
-    """What its owner would say of its logs."""
     return described("dry", rig, rig.angle_count, cart_mass=0.7, force=8.0)

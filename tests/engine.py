@@ -8,10 +8,7 @@ from numpy.typing import NDArray
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, forward, impulse_jump, write_state
 
 
-def accelerations(
-    model: SimulatedModel, state: Sequence[float], force: float, push: float = 0.0
-) -> NDArray[np.float64]:
-    """Return (z'', phi'') under a force of the drive and a push along z."""
+def accelerations(model: SimulatedModel, state: Sequence[float], force: float, push: float = 0.0):
     found = np.empty(2)
     given = (np.array(state), np.array([force]), np.array([push, 0.0]))
     forward(model.addresses, *given, found)
@@ -19,7 +16,6 @@ def accelerations(
 
 
 def jump(model: SimulatedModel, state: Sequence[float], impulse: float) -> NDArray[np.float64]:
-    """Return the jump of (z_dot, phi_dot) under an impulse along z."""
     found = np.empty(2)
     write_state(model.addresses, np.array(state))
     impulse_jump(model.addresses, np.array([impulse, 0.0]), found)

@@ -56,12 +56,7 @@ NOT_COMPILED = frozenset(
 
 class Fault(Protocol):
     @property
-    def name(self) -> str: ...
-
-    @property
-    def file(self) -> str: ...
-
-    def plant(self, root: Path) -> None:
+    def name(self) -> str:
         """Make the change in a copy, or raise ValueError if the file does not fit."""
 
 
@@ -222,11 +217,9 @@ print(json.dumps(sorted(ran)))
 def ran_at_import(root: Path) -> dict[str, set[int]]:
     """Return the lines on which the functions begin that run while a copy is imported, by file."""
     command, environment = [sys.executable, "-c", IMPORT_ALL], {**os.environ, "PYTHONPATH": "."}
-    done = subprocess.run(
-        command, cwd=root, env=environment, stdout=subprocess.PIPE, text=True, check=True
-    )
+    said = subprocess.check_output(command, cwd=root, env=environment, text=True)
     found: dict[str, set[int]] = {}
-    for name, line in json.loads(done.stdout):
+    for name, line in json.loads(said):
         found.setdefault(os.path.relpath(os.path.join(root, name), root), set()).add(line)
     return found
 
@@ -234,13 +227,7 @@ def ran_at_import(root: Path) -> dict[str, set[int]]:
 Of = TypeVar("Of", bound=Fault)
 
 
-def check_all(
-    faults: Sequence[Of],
-    jobs: int,
-    tests: Sequence[str],
-    checks: Callable[[Copies, Of], Callable[[Path], Iterator[str]]],
-    report: Callable[[str], None],
-) -> Iterator[tuple[Of, str]]:
+def check_all(faults, jobs, tests, checks, report) -> Iterator[tuple[Of, str]]:
     """Yield each fault with what objects to it, as they come, after a copy without a fault."""
     with tempfile.TemporaryDirectory(prefix="afl-mujoco-faults-") as scratch:
         copies = Copies(Path(scratch))

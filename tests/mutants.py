@@ -40,32 +40,21 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 from afl_mujoco.files import write_text
 from afl_mujoco.studies.montecarlo import rate
 from afl_mujoco.studies.shared.record import versions
-from tests.faulty_copies import (
-    REPOSITORY,
-    TESTS,
-    Copies,
-    TimeLimitError,
-    check_all,
-    files_of,
-    run_command_line,
-)
+from tests import faulty_copies
+from tests.faulty_copies import REPOSITORY, TESTS, Copies, TimeLimitError, files_of
 
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 AREAS = {
-    "equations": ("plants/cartpole_equations.py",),
-    "control": ("control/*.py",),
-    "estimator": ("control/estimator.py",),
-    "scenario": ("scenario/*.py",),
+    "equations": ("plants/cartpole_equations.py",), "control": ("control/*.py",),
+    "estimator": ("control/estimator.py",), "scenario": ("scenario/*.py",),
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
-    "checks": (
-        *("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
-        *("studies/verify/convergence.py", "studies/verify/criteria.py"),
-        "studies/verify/explanation.py",
-    ),
+    "checks": (*("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
+               *("studies/verify/convergence.py", "studies/verify/criteria.py"),
+               "studies/verify/explanation.py"),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
-}
+}  # fmt: skip
 DRAWN = ("simulation/decor.py", "simulation/figures.py")
 """What only draws."""
 
@@ -228,13 +217,11 @@ def all_places() -> list[Place]:
 
 
 def draw(places: Sequence[Place], count: int, seed: int) -> list[Mutant]:
-    """Return a sample of the mutants at some places."""
     ranked = sorted(places, key=lambda place: place.rank(seed))
     return list(islice(filter(None, (place.mutant() for place in ranked)), count))
 
 
 def equivalents() -> dict[tuple[str, str, str], str]:
-    """Return why a mutant is equivalent, by file and line before and after."""
     listed = tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).get("mutant", [])
     return {(row["file"], row["was"], row["now"]): row["reason"] for row in listed}
 
@@ -280,9 +267,8 @@ class Tests:
     def likely(self, file: str) -> list[str]:
         module = file.removesuffix(".py").replace("/", ".")
         package, _, stem = module.rpartition(".")
-        imports = re.compile(
-            rf"{re.escape(module)}\b|from {re.escape(package)} import .*\b{stem}\b"
-        )
+        named = rf"from {re.escape(package)} import .*\b{stem}\b"
+        imports = re.compile(rf"{re.escape(module)}\b|{named}")
         own = [name for name in self.files if Path(name).stem == f"test_{stem}"]
         texts = {name: text for name, text in self._texts.items() if name not in LATE}
         importers = [name for name, text in texts.items() if imports.search(text)]
@@ -328,14 +314,12 @@ def load(path: Path) -> dict[Key, Found]:
 
 
 def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
-    """Write what was found."""
     areas = {area: [one for one in found if one.area == area] for area in AREAS}
     result = {
         **{"command": command(sys.argv[1:]), "versions": versions(), "seed": seed, "places": of},
-        **summary(found),
-        "areas": {area: summary(those) for area, those in areas.items() if those},
+        **summary(found), "areas": {area: summary(those) for area, those in areas.items() if those},
         "mutants": [asdict(one) for one in sorted(found, key=lambda one: one.key)],
-    }
+    }  # fmt: skip
     write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 
 
@@ -361,9 +345,7 @@ def summary(found: Sequence[Found]) -> dict[str, Any]:
     }
 
 
-def decided(
-    sample: Sequence[Mutant], before: Mapping[Key, Found], kept: Collection[str]
-) -> dict[Key, Found]:
+def decided(sample: Sequence[Mutant], before: Mapping[Key, Found], kept: Collection[str]):
     """Return what is known without running: equivalents, and `kept` outcomes of an earlier run."""
     same = equivalents()
     found = {}
@@ -413,7 +395,7 @@ def main() -> int:
     tests = Tests(before.values(), only_likely=options.brief)
     if left:
         jobs = max(1, options.jobs)
-        for mutant, by in check_all(left, jobs, tests.files, tests.checks, say):
+        for mutant, by in faulty_copies.check_all(left, jobs, tests.files, tests.checks, say):
             found[mutant.key] = found_of(mutant, by)
             keep()
     keep()
@@ -429,4 +411,4 @@ def say(line: str) -> None:
 
 
 if __name__ == "__main__":
-    run_command_line(main, "mutants")
+    faulty_copies.run_command_line(main, "mutants")

@@ -19,8 +19,6 @@ Law = Callable[[float, np.ndarray], float]
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """Everything that the motion depends on, in SI units."""
-
     cart: float = 3.2
     pole: float = 0.31
     half: float = 0.42
@@ -56,7 +54,6 @@ class Motion:
 
 
 def move(rig: Rig, law: Law) -> Motion:
-    """Integrate a run."""
     ticks = math.ceil(rig.duration / rig.period - 1e-9)
     begin, lasts = rig.push[1:]
     sent: list[tuple[float, float]] = [(-1.0, 0.0)]  # when a command arrives at the drive, and it

@@ -18,7 +18,7 @@ import shutil
 import sys
 import tempfile
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,10 +67,7 @@ def load_faults() -> list[PlantedFault]:
     return faults
 
 
-def checks_of(
-    before: Mapping[str, str], copies: Copies, fault: PlantedFault
-) -> Callable[[Path], Iterator[str]]:
-    """Return the checks for a fault, first what is likely to object."""
+def checks_of(before: Mapping[str, str], copies: Copies, fault: PlantedFault):
     last = before.get(fault.name, "")
     test = f"tests/{last}" if "::" in last else ""
     known = bool(test) and (REPOSITORY / test.partition("::")[0]).is_file()
@@ -89,7 +86,6 @@ def checks_of(
 
 
 def caught(path: Path) -> dict[str, str]:
-    """Return what caught each fault the last time, by its name."""
     if not path.is_file():
         return {}
     found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))["caught"]
@@ -97,7 +93,6 @@ def caught(path: Path) -> dict[str, str]:
 
 
 def save(results: Mapping[str, str], path: Path) -> None:
-    """Write what caught each fault; of those that were not run, what did before."""
     whole = {**caught(path), **results}
     listed = {fault.name: whole.get(fault.name, "not run") for fault in load_faults()}
     found = {"command": "make faults", "versions": versions(), "caught": listed}

@@ -1,5 +1,3 @@
-"""Spaces near that of the laboratory."""
-
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -17,12 +15,10 @@ def near_laboratory(
     control_period: float | None = None,
     **changes: Any,
 ) -> SampleSpace:
-    """The laboratory with other ranges or settings, or other imperfections that vary."""
     varied = dict(LABORATORY.ranges.varied)
     if imperfections is not None:
-        varied = {n: r for n, r in varied.items() if n not in hardware_of(CART_POLE)} | dict(
-            imperfections
-        )
+        hardware = hardware_of(CART_POLE)
+        varied = {n: r for n, r in varied.items() if n not in hardware} | dict(imperfections)
     table = {**LABORATORY.ranges.table, **changes}
     known = settings_of(CART_POLE)
     settings = {n: table[n] for n in known if n in table}

@@ -11,7 +11,6 @@ import numpy as np
 import afl_mujoco as afl
 from afl_mujoco.identification.prediction import Errors, load_estimates
 from afl_mujoco.scenario.ranges import Ranges
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies import attraction as attraction_study
 from afl_mujoco.studies import check as check_study
@@ -50,7 +49,7 @@ def checked() -> check_study.Result:
 
 @cache
 def monte_carlo() -> montecarlo.Result:
-    asked = Requirements(max={"z": 0.12})
+    asked = afl.Requirements(max={"z": 0.12})
     ranges = Ranges(varied={"phi": (-0.4, 0.4), "delay": (0.0, 0.004)})
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
     budget = Budget(generations=1, population=4)
@@ -67,7 +66,7 @@ def attraction() -> attraction_study.Result:
 
 @cache
 def compare() -> compare_study.Result:
-    asked = Requirements(max={"z": 1.0}, settling_time=0.39)
+    asked = afl.Requirements(max={"z": 1.0}, settling_time=0.39)
 
     def broken(time: float, state: Any, belief: Any) -> float:
         raise RuntimeError(NASTY)
@@ -76,9 +75,7 @@ def compare() -> compare_study.Result:
 
 
 def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
-    def row(
-        name: str, kind: str, mass: float, length: float, **found: float | None
-    ) -> margins_study.Row:
+    def row(name: str, kind: str, mass: float, length: float, **found: float | None):
         place = {"cart_mass": mass, "half_length": length}
         return margins_study.Row(
             controller=name, loop=kind, input="force", parameters=place, stable=bool(found), **found
@@ -110,30 +107,28 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
 
 
 def estimation() -> estimation_study.Result:
-    time = np.linspace(0.0, 12.0, 50)
-    loops = tuple(
+    instants = np.linspace(0.0, 12.0, 50)
+    metrics = {"objective": 2.0, "iae_z": 9.0, "max_force": 59.0}
+    loops = [
         estimation_study.Loop(
-            parameters=parameters, noise=noise, runs=2, completed=completed,
-            metrics={"objective": 2.0, "iae_z": 9.0, "iae_phi": phi, "max_force": 59.0},
+            parameters=parameters,
+            noise=noise,
+            runs=2,
+            completed=completed,
+            metrics={**metrics, "iae_phi": phi},
             largest_force=61.0,
         )
         for parameters, noise, completed, phi in (
-            ("true", False, 2, 1.0), ("true", True, 2, 1.01), ("estimated", True, 1, 1.2),
+            ("true", False, 2, 1.0),
+            ("true", True, 2, 1.01),
+            ("estimated", True, 1, 1.2),
         )
-    )  # fmt: skip
-    return estimation_study.Result(
-        controller="adaptive",
-        cases=(
-            estimation_study.Case(
-                scenario="step-step",
-                loops=loops,
-                curves={
-                    name: dict.fromkeys(("true", "estimated"), (time, time))
-                    for name in ("cart mass M [kg]", "half-length l [m]", "pole angle φ [rad]")
-                },
-            ),
-        ),
-    )  # fmt: skip
+    ]
+    names = ("cart mass M [kg]", "half-length l [m]", "pole angle φ [rad]")
+    both = dict.fromkeys(("true", "estimated"), (instants, instants))
+    curves = dict.fromkeys(names, both)
+    case = estimation_study.Case(scenario="step-step", loops=tuple(loops), curves=curves)
+    return estimation_study.Result(controller="adaptive", cases=(case,))
 
 
 def identified() -> identify_study.Result:
@@ -150,54 +145,46 @@ def identified() -> identify_study.Result:
 
 def hardware() -> hardware_study.Result:
     errors = tuple(
-        Errors(
-            horizon=h, rms_phi=0.02 * h, rms_z=0.01 * h, counts_phi=13.0 * h, counts_z=118.0 * h,
-            explained_phi=1.0 - 0.1 * h, explained_z=0.99 - h, away_phi=12.0 * h,
-            clear_phi=9.0 * h, starts=200, away=110,
-        )
+        Errors(horizon=h, rms_phi=0.02 * h, rms_z=0.01 * h, counts_phi=13.0 * h, away_phi=12.0 * h,
+               counts_z=118.0 * h, explained_phi=1.0 - 0.1 * h, explained_z=0.99 - h,
+               clear_phi=9.0 * h, starts=200, away=110)
         for h in (0.1, 0.2, 0.5, 1.0)
     )  # fmt: skip
-    blind = tuple(
-        replace(e, rms_z=None, counts_z=None, explained_z=None, away_phi=None) for e in errors
-    )
+    unknown = dict.fromkeys(("rms_z", "counts_z", "explained_z", "away_phi"))
     made = identified().shown
     assert made is not None
-    term = hardware_study.Term(
-        value=37.4, low=37.3, high=37.5, expected=37.25, unit="1/s²", title="gravity term w2"
-    )
+    known = {"value": 37.4, "low": 37.3, "high": 37.5, "expected": 37.25, "unit": "1/s²"}
+    term = hardware_study.Term(**known, title="gravity term w2")
     judged = hardware_study.Statement(
         id="rig-0.5-z", statement="The position is predicted.", measure="share of variance",
         limit=0.9, reason="as for the angle", value=0.49, at_least=True, suspected="the drive",
     )  # fmt: skip
+    survival = [
+        hardware_study.Survival(
+            controller=name, runs=20, survived=survived, angles={"as it is": least, "rail x4": most}
+        )
+        for name, survived, least, most in (("lqr", 3, 0.0, 0.5), ("adaptive", 20, 0.2, 0.2))
+    ]
     return hardware_study.Result(
         logs=(NASTY, "two"),
         fitted=("two",),
         identified=load_estimates(),
-        terms={"gravity": term, "friction": replace(term, expected=None, title="friction")},
         held_out=errors,
+        terms={"gravity": term, "friction": replace(term, expected=None, title="friction")},
         whole=tuple(replace(e, starts=150) for e in errors),
-        pole=blind,
-        baselines={name: errors for name in ("nominal", "uncoupled", "constant_velocity")},
+        recorded=made,
+        pole=tuple(replace(e, **unknown) for e in errors),
+        baselines=dict.fromkeys(("nominal", "uncoupled", "constant_velocity"), errors),
         statements=(judged, replace(judged, id="rig-0.5-phi", value=0.95, suspected="")),
         band=np.array([[0.0, 0.5], [0.001, 0.01], [0.001, 0.1]]),
-        recorded=made,
-        survival=(
-            hardware_study.Survival(
-                controller="lqr", angles={"as it is": 0.0, "rail x4": 0.5}, runs=20, survived=3
-            ),
-            hardware_study.Survival(
-                controller="adaptive", angles={"as it is": 0.2, "rail x4": 0.2}, runs=20,
-                survived=20,
-            ),
-        ),
-    )  # fmt: skip
+        survival=tuple(survival),
+    )
 
 
 RESULTS = {
-    "validate": make_result, "check": checked, "compare": compare,
-    "thresholds": thresholds, "montecarlo": monte_carlo, "attraction": attraction,
-    "margins": margins, "estimation": estimation,
-    "identify": identified, "hardware": hardware,
+    "validate": make_result, "check": checked, "compare": compare, "thresholds": thresholds,
+    "montecarlo": monte_carlo, "attraction": attraction, "margins": margins,
+    "estimation": estimation, "identify": identified, "hardware": hardware,
 }  # fmt: skip
 
 

@@ -6,19 +6,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
+import afl_mujoco as afl
 from afl_mujoco.identification import description as columns
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import CartPoleParameters
-from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import constant
-from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
-RIG = Scenario(
+RIG = afl.Scenario(
     name="rig",
     duration=6.0,
     initial_state=(0.0, 0.4, 0.0, 0.0),
-    schedule={"cart_mass": constant(1.0), "half_length": constant(0.3), "pole_mass": 0.1},
-    imperfections=Imperfections(
+    schedule={"cart_mass": afl.constant(1.0), "half_length": afl.constant(0.3), "pole_mass": 0.1},
+    imperfections=afl.Imperfections(
         control_period=0.01,
         delay=0.004,
         encoder_step={"phi": 1.5e-3, "z": 1e-4},
@@ -51,7 +47,6 @@ class Truth:
 
     @property
     def expected(self) -> dict[str, float]:
-        """What is to be found, by the names of the estimates."""
         inertia = 4.0 / 3.0 * self.pole_mass * self.half_length**2
         whole = self.cart_mass + self.pole_mass
         return {
@@ -97,12 +92,10 @@ class Pumping:
 
 
 def wrapped(angle: np.ndarray) -> np.ndarray:
-    """The same angle from -pi to pi."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 def random_truth(seed: int) -> Truth:
-    """A cart-pole drawn at random."""
     u = np.random.default_rng(seed).uniform
     return Truth(
         cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
@@ -111,17 +104,16 @@ def random_truth(seed: int) -> Truth:
     )  # fmt: skip
 
 
-def swing(
-    truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD
-) -> dict[str, np.ndarray]:
+def swing(truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD):
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)
-    model = CartPoleModel(
-        CartPoleParameters(
+    damping = {"z": truth.rail_damping, "phi": truth.hinge_damping}
+    model = afl.CartPoleModel(
+        afl.CartPoleParameters(
             cart_mass=truth.cart_mass, pole_mass=truth.pole_mass, half_length=truth.half_length
         ),
         timestep=STEP,
-        imperfections=Imperfections(damping={"z": truth.rail_damping, "phi": truth.hinge_damping}),
+        imperfections=afl.Imperfections(damping=damping),
     )
     m, d = model.mj_model, model.mj_data
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)

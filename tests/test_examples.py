@@ -1,5 +1,3 @@
-"""The example of a user's controller, and controllers that go wrong, from the command line."""
-
 from __future__ import annotations
 
 import json
@@ -14,7 +12,6 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
-from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
 from tests import program
@@ -68,7 +65,6 @@ def arguments_of(command: str, controller: str) -> list[str]:
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A working folder with a short scenario, the example, and controllers that go wrong."""
     (tmp_path / "short.toml").write_text("duration = 0.3\n")
     (tmp_path / "broken.py").write_text(BROKEN)
     shutil.copy(EXAMPLES / "own_controller.py", tmp_path)
@@ -89,7 +85,6 @@ def test_the_example_has_ten_lines() -> None:
 
 
 def test_the_first_comparison_says_who_meets_the_requirements(folder: Path) -> None:
-    """As a user starts it."""
     controllers = ("lqr", "adaptive", "own_controller:Integrating")
     arguments = ("compare", "rig.toml", "--controllers", *controllers, "--out", str(folder))
     run = program.run(*arguments, cwd=EXAMPLES, PYTHONDONTWRITEBYTECODE="1")
@@ -106,9 +101,8 @@ def test_the_example_balances_in_every_mode(mode: str, folder: Path, command_lin
     asked = ("--simulator", mode, "--controller", "own_controller:force", "--no-page")
     code, _, errors = command_line("simulate", "step-step", *asked, "--out", "out")
     assert (code, errors) == (0, "")
-    saved = Trajectory.load(folder / "out" / f"step-step-own_controller.force-{mode}.npz")
-    assert str(saved.outcome) == "completed"
-    assert abs(saved.state[-1]).max() < 0.01
+    saved = afl.Trajectory.load(folder / "out" / f"step-step-own_controller.force-{mode}.npz")
+    assert str(saved.outcome) == "completed" and abs(saved.state[-1]).max() < 0.01
     assert saved.provenance["controller"]["function"] == "own_controller.force"
 
 
@@ -144,19 +138,15 @@ def test_the_example_has_a_threshold_and_a_broken_controller_fails(folder, comma
     assert broken.message.startswith("raised ZeroDivisionError at t = 0.05")
 
 
-@pytest.mark.parametrize(
-    ("command", "controller"),
-    [
-        *(("simulate", controller) for controller in SAID),
-        *((command, how) for command in ("validate", "render") for how in ("raises", "hangs")),
-    ],
-)
+@pytest.mark.parametrize(("command", "controller"), [
+    *(("simulate", controller) for controller in SAID),
+    *((command, how) for command in ("validate", "render") for how in ("raises", "hangs")),
+])  # fmt: skip
 def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
     command: str, controller: str, folder: Path, command_line, drawing: None
 ) -> None:
     code, output, errors = command_line(*arguments_of(command, f"broken:{controller}"))
-    assert (code, output) == (2, "")
-    assert errors.startswith(f"afl-mujoco: {SAID[controller]}")
+    assert (code, output) == (2, "") and errors.startswith(f"afl-mujoco: {SAID[controller]}")
     assert len(errors.splitlines()) == 1
     kept = {path.name for path in (folder / "out").rglob("*") if path.is_file()}
     if command == "render" and kept:  # the film of the other was finished first, and listed
@@ -168,9 +158,7 @@ def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing_unfinished(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_controller_without_a_force_ends_the_run_and_the_result_says_so(
-    command: str, folder: Path, command_line, drawing: None
-) -> None:
+def test_a_controller_without_a_force_ends_the_run(command, folder, command_line, drawing) -> None:
     code, output, errors = command_line(*arguments_of(command, "broken:nothing"))
     assert (code, errors) == (0 if command == "render" else 1, "")
     if command == "validate":

@@ -61,8 +61,7 @@ def test_any_control_period_runs_in_every_study(period: float, tmp_path: Path, m
     settings = run.provenance["settings"]
     hold = round(period / settings["timestep"])
     assert hold * settings["timestep"] == pytest.approx(period, rel=1e-12)
-    assert settings["timestep"] <= 1e-3
-    assert run.time[-1] == pytest.approx(0.5, abs=1e-9)
+    assert settings["timestep"] <= 1e-3 and run.time[-1] == pytest.approx(0.5, abs=1e-9)
     assert set(np.flatnonzero(np.diff(run.command[:-1])) + 1) <= set(range(0, len(run.time), hold))
     quick = ("--controllers", "lqr", "--no-page", "--out", "out", "--workers", "1")
     assert main(["montecarlo", "hz.toml", "--samples", "2", "--no-worst-case", *quick]) == 0
@@ -97,9 +96,8 @@ def test_the_force_is_the_one_exerted_and_not_its_mean_over_a_step(delay: float)
 def test_all_of_a_pulse_acts_in_sampled_as_in_exact_mode(start: float) -> None:
     """The force of the middle of each step lost it, or acted with 2 N s in place of 1.6."""
     pulse = afl.ForcePulse(force=2000.0, start=start, duration=0.0008)
-    scenario = afl.Scenario(
-        name="pulse", initial_state=(0.0,) * 4, duration=3.0, disturbances=(pulse,)
-    )
+    acts = {"initial_state": (0.0,) * 4, "disturbances": (pulse,)}
+    scenario = afl.Scenario(name="pulse", duration=3.0, **acts)
     for mode in ("sampled", "exact"):
         far = np.abs(afl.simulate_mujoco(scenario, "lqr", mode).state[:, 0]).max()
         assert far == pytest.approx(0.1293, abs=2e-4)
@@ -138,14 +136,10 @@ RAIL = "duration = 5.0\ninitial_state = [0, -0.1, 0, 0]\nimperfections.end_stops
 
 @pytest.mark.parametrize(
     ("text", "code", "word"),
-    [
-        (FALLS, 0, ""),
-        (FALLS.replace("false", "true"), 1, "fell"),
-        (RAIL, 1, "end_stops"),
-        (RAIL + "requirements.end_stops_allowed = true\n", 0, ""),
-    ],
+    [(FALLS, 0, ""), (FALLS.replace("false", "true"), 1, "fell"), (RAIL, 1, "end_stops"),
+     (RAIL + "requirements.end_stops_allowed = true\n", 0, "")],
     ids=["nothing required", "falls", "end stop", "end stop allowed"],
-)
+)  # fmt: skip
 def test_every_study_says_the_same_word(text, code, word, tmp_path, monkeypatch, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     name = "lqr" if "end_stops" in text else "idle_law:zero"
@@ -200,25 +194,20 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
     assert told(drawn) == {(8.0, truth.pole_mass, 0.5, 9.8 * 1.1)}
 
 
-@pytest.mark.parametrize(
-    ("belief", "message"),
-    [
-        ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
-        ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
-        ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
-        ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
-        ("belief.cart_mass = { eror = 1 }", "belief.cart_mass key must be one of value, error"),
-    ],
-)
+@pytest.mark.parametrize(("belief", "message"), [
+    ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
+    ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
+    ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
+    ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
+    ("belief.cart_mass = { eror = 1 }", "belief.cart_mass key must be one of value, error"),
+])  # fmt: skip
 def test_a_belief_that_breaks_its_rule_is_one_line(tmp_path: Path, belief: str, message) -> None:
     (tmp_path / "b.toml").write_text(f"duration = 1.0\n{belief}\n")
     with pytest.raises(afl.AflMujocoError, match=line(..., message, ...)):
         afl.load_scenario(tmp_path / "b.toml")
 
 
-def test_validate_compares_the_ideal_part_of_a_file_and_judges_the_deployed_run(
-    tmp_path: Path, monkeypatch, capsys
-) -> None:
+def test_validate_compares_the_ideal_part_and_judges_a_deployed_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text(
         "duration = 2.0\ninitial_state = [0, 0.1, 0, 0]\n[imperfections]\ndelay = 0.3\n"

@@ -30,7 +30,6 @@ def python(*arguments: str | Path, **options: object) -> str:
 
 @pytest.fixture
 def installed(tmp_path: Path) -> Path:
-    """The folder where a wheel, built from the source distribution, is installed."""
     dist, target = tmp_path / "dist", tmp_path / "elsewhere"
     python("-m", "build", "--no-isolation", "--outdir", dist, ROOT)
     (wheel,) = dist.glob("*.whl")

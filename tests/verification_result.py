@@ -10,7 +10,6 @@ import numpy as np
 import afl_mujoco as afl
 from afl_mujoco.files import write_json
 from afl_mujoco.films.listing import LISTING, Entry, Listing
-from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.metrics import UNITS
 from afl_mujoco.studies.validate import Result, verdict_of
@@ -21,15 +20,13 @@ from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Omission
 
 NASTY = '<script>alert(1)<!-- & "quoted"'
 CONTROLLERS = ("fixed", "adaptive")
-STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)
-
 OWN = afl.Scenario(
     name="step-step",
     schedule={
         "cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
         "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
     },
-    disturbances=(ForcePulse(force=-10.0, start=1.2, duration=0.1),),
+    disturbances=(afl.ForcePulse(force=-10.0, start=1.2, duration=0.1),),
     duration=2.0,
 )
 """A scenario of one's own under a name of the paper."""
@@ -37,13 +34,9 @@ OWN = afl.Scenario(
 SCENARIOS = (OWN, replace(OWN, name=NASTY))
 
 _VERDICTS = (
-    claims.REPRODUCED,
-    claims.REPRODUCED,
-    claims.NOT_REPRODUCED,
-    claims.IN_PART,
-    claims.UNDETERMINED,
-    claims.NOT_REPRODUCED,
-)
+    claims.REPRODUCED, claims.REPRODUCED, claims.NOT_REPRODUCED, claims.IN_PART,
+    claims.UNDETERMINED, claims.NOT_REPRODUCED,
+)  # fmt: skip
 _METRICS = {
     "objective": 2.1633, "iae_z": 11.5, "iae_phi": 0.91, "max_force": 58.9, "force_squared": 75.2,
     "settling_2pc_z": 7.76, "overshoot_z": 4.2, "overshoot_phi": 0.35,
@@ -65,51 +58,36 @@ def make_result(
     outcome: str = "completed",
 ) -> Result:
     places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
-    checks = make_checks(places, b3)
-    runs = tuple(
-        Simulated(**place, simulator=name, outcome=outcome, metrics=dict.fromkeys(UNITS) | _METRICS)
-        for place in places
-        for name in REPORTED
-    )
+    checks, metrics = make_checks(places, b3), dict.fromkeys(UNITS) | _METRICS
+    ended = {"outcome": outcome, "metrics": metrics}
     more: dict[str, Any] = {}
     if full:
+        omitted = {"stretching_rod": 1.7e-13, "momenta_kept": 2.6}
         more = {
             "claims": tuple(make_claim(k) for k in range(1, 13)),
-            "random_schedules": {
-                "published": comparison(0.504, (0.4725, 0.5354)),
-                "retuned": comparison(0.919, (0.9003, 0.9352)),
-            },
-            "omissions": tuple(
-                Omission(**place, stretching_rod=1.7e-13, momenta_kept=2.6) for place in places
-            ),
-        }
+            "random_schedules": {"published": comparison(0.504, (0.4725, 0.5354)),
+                                 "retuned": comparison(0.919, (0.9003, 0.9352))},
+            "omissions": tuple(Omission(**place, **omitted) for place in places),
+        }  # fmt: skip
+    runs = [Simulated(**place, simulator=name, **ended) for place in places for name in REPORTED]
+    pairs = {f"{s.name}/{c}": (s, c) for s in scenarios for c in CONTROLLERS}
     return Result(
         verdict=verdict_of(checks),
         checks=checks,
-        runs=runs,
-        error_budgets=tuple(make_budget(k + 1, **place) for k, place in enumerate(places)),
+        runs=tuple(runs),
         settings=Settings(full=full),
+        error_budgets=tuple(make_budget(k + 1, **place) for k, place in enumerate(places)),
         scenarios=tuple(scenarios),
-        curves={
-            f"{s.name}/{c}": make_curves(s, c, fell_at=fell_at)
-            for s in scenarios
-            for c in CONTROLLERS
-        },
         **more,
+        curves={name: make_curves(*pair, fell_at=fell_at) for name, pair in pairs.items()},
     )
 
 
 def make_checks(places: Sequence[dict[str, str]], b3: float | None) -> tuple[Check, ...]:
     values = {"A5": 8.9e-16, "B1": 5.8e-12, "B2": 4.6e-6, "B3": b3, "B5": 5.2e-4}
-    return (
-        CRITERIA["A1"].judge(1.0e-13),
-        CRITERIA["A3"].judge(0.0),
-        *(
-            CRITERIA[id].judge(float("nan") if value is None else value, **place)
-            for id, value in values.items()
-            for place in places
-        ),
-    )
+    found = {id: float("nan") if value is None else value for id, value in values.items()}
+    judged = [CRITERIA[id].judge(value, **at) for id, value in found.items() for at in places]
+    return CRITERIA["A1"].judge(1.0e-13), CRITERIA["A3"].judge(0.0), *judged
 
 
 def comparison(share: float, interval: tuple[float, float]) -> claims.Comparison:
@@ -137,9 +115,7 @@ def make_claim(number: int) -> claims.Claim:
     )
 
 
-def make_curves(
-    scenario: afl.Scenario = OWN, controller: str = "fixed", *, fell_at: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def make_curves(scenario=OWN, controller="fixed", *, fell_at: int | None = None) -> tuple:
     step = 1e-3 if scenario.duration <= 2.0 else 1e-2
     time = step * np.arange(round(scenario.duration / step) + 1)[:fell_at]
     states = np.stack(

@@ -186,7 +186,7 @@ def _compiled(plant: Plant) -> tuple[Fill, Any]:
     """Return the equations as compiled code under a key of all they read, and for `Callback`."""
     function: Any = plant.terms or plant.accelerations
     lines = list(_source(plant))
-    said = [*lines, *plant.parameters, *sorted(_read(function, {}))]
+    said = [*lines, *plant.parameters, *_read(function, {})]
     key = hashlib.blake2b("\0".join(said).encode(), digest_size=12).hexdigest()
     source = f"def equations_{key}(q, v, u, p, out):\n    " + "\n    ".join(lines)
     # Its file is this one, so that the cache is where that of the package is.
@@ -239,26 +239,31 @@ def _names_in(code: types.CodeType) -> set[str]:
     return set(code.co_names).union(*map(_names_in, inner))
 
 
-def _read(thing: Any, seen: dict[int, Any]) -> Iterator[str]:
-    """Yield texts that differ whenever what a function computes with differs."""
+def _read(thing: Any, seen: dict[int, int]) -> Iterator[str]:
+    """Yield texts that differ whenever what a function computes with differs.
+
+    What was read before is said by its place: which function is called where is in the order.
+    """
     thing = getattr(thing, "py_func", thing)  # what numba has wrapped
-    if id(thing) in seen:
-        return
-    seen[id(thing)] = thing
-    if isinstance(thing, types.ModuleType):
-        file = getattr(thing, "__file__", None) or ""
-        if file.endswith(".py") and not any(part in file for part in INSTALLED):
-            yield f"{thing.__name__} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
-            for one in [*vars(thing).values()]:
-                if isinstance(one, types.ModuleType | types.FunctionType):
-                    yield from _read(one, seen)
-    elif isinstance(thing, types.FunctionType):
-        yield from _read_by(thing, seen)
-    else:
+    if not isinstance(thing, types.ModuleType | types.FunctionType):
         yield thing.tobytes().hex() if isinstance(thing, np.ndarray) else told(thing, repr)
+        return
+    if id(thing) in seen:
+        yield f"= {seen[id(thing)]}"
+        return
+    seen[id(thing)] = len(seen)
+    if isinstance(thing, types.FunctionType):
+        yield from _read_by(thing, seen)
+        return
+    file = getattr(thing, "__file__", None) or ""
+    if file.endswith(".py") and not any(part in file for part in INSTALLED):
+        yield f"{thing.__name__} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
+        for name, one in sorted(vars(thing).items(), key=lambda item: item[0]):
+            if isinstance(one, types.ModuleType | types.FunctionType):
+                yield from (name, *_read(one, seen))
 
 
-def _read_by(thing: types.FunctionType, seen: dict[int, Any]) -> Iterator[str]:
+def _read_by(thing: types.FunctionType, seen: dict[int, int]) -> Iterator[str]:
     """Yield the code of a function, its cells, the globals it reads, and the file it is from."""
     yield f"{thing.__module__} {thing.__qualname__} {thing.__defaults__!r} {_text(thing.__code__)}"
     if any(part in thing.__code__.co_filename for part in INSTALLED[:-1]):

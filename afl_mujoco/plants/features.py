@@ -110,13 +110,14 @@ def _touching(m: Any) -> Iterator[tuple[str, Any, str]]:
         yield f"contact of bodies {m.body(int(a)).name!r} and {m.body(int(b)).name!r}", True, remedy
 
 
-def require_compiler(spec: Any) -> None:
-    """Raise if the compiler would alter or ignore what is written."""
+def require_compiler(spec: Any, *, masses: bool) -> None:
+    """Raise if the compiler would alter or ignore what is written, masses or not."""
     for name, value in ALTERED.items():
         given = getattr(spec.compiler, name)
         if given > 0:  # false, 0 and -1 leave everything as it is
             raise InvalidValueError(f"<compiler {name}>", f'must be "{value}"', f"{given:g}")
-    if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
+    from_geoms = spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if masses and from_geoms:
         rule = 'must be "auto" or "false": masses that are written would be ignored'
         raise InvalidValueError("<compiler inertiafromgeom>", rule, '"true"')
     for joint in spec.joints:

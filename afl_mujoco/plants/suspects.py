@@ -39,7 +39,7 @@ WORDS = {
 
 FRACTIONS = {k / n: f"{k}/{n}" for n in (12, 4, 3, 2) for k in (1, 2, 3, 4) if k != n}
 
-ALIKE = 3  # how many mistakes are named that look alike, for want of a parameter that varies
+ALIKE = 3  # how many mistakes are named that look alike
 SMALL = 1e-5  # step of differences in time, relative to the fastest rate
 MANY = 4  # coordinates up to which every set of them is tried with the other sign; of more, pairs
 
@@ -110,30 +110,36 @@ class Search:
         self.start = self.residual()
 
     def first(self) -> str:
-        """Return the mistake that explains the difference, in words; empty if none does."""
+        """Return the mistakes that explain the difference, in words; empty if none does.
+
+        Of a body of which nothing varies, several look alike: the round numbers first.
+        """
         if not np.isfinite(self.start).all():
             return ""
         with np.errstate(all="ignore"):
-            if np.ptp(self.points.p, axis=0).any():
-                return next(self.named(), "")
-            several = list(dict.fromkeys(itertools.islice(self.named(), ALIKE)))
-        hint = " (parameters that vary would tell)" * (len(several) > 1)
-        return ", or ".join(several) + hint
+            found = sorted(dict.fromkeys(self.bodily()), key=_oddness)
+            found = found or list(itertools.islice(self.further(), 1))
+        hint = " (parameters that vary would tell)" * (len(found) > 1)
+        return ", or ".join(found[:ALIKE]) + hint
 
-    def named(self) -> Iterator[str]:
-        """Yield what explains the difference, the most usual first."""
+    def bodily(self) -> Iterator[str]:
+        """Yield what explains the difference by other numbers of the tree."""
         if np.abs(self.start).max() < 1e-5 and np.all(
             self.theirs.astype(np.float32) == self.theirs
         ):
             yield "the equations are in single precision"
+            return
         families = [*self.families()]
         for say, left in itertools.chain(*families):
             yield from _explained(say, self.start, left)
         for family in families:
             yield from self.together(family)
-        for say, left in itertools.chain(
-            self.lengths(), self.exchanged(), self.parameters(), self.angles(), self.unwritten()
-        ):
+        for say, left in itertools.chain(self.lengths(), self.exchanged()):
+            yield from _explained(say, self.start, left)
+
+    def further(self) -> Iterator[str]:
+        """Yield what else explains the difference, the most usual first."""
+        for say, left in itertools.chain(self.parameters(), self.angles(), self.unwritten()):
             yield from _explained(say, self.start, left)
         yield from self.stale()
         single: Iterator[Suspect] = (
@@ -242,9 +248,12 @@ class Search:
                 yield [(share(what), self.residual(**twofold))]
         for field, word in PASSIVE.items():
             has = np.array([getattr(tree, field) for tree in self.trees])
-            yield [(partial(_amount, f"{word} of {name}", has[:, j]),
-                    self.edited(j, **{field: more}))
-                   for j, name in enumerate(self.plant.coordinates)]  # fmt: skip
+            things = [f"{word} of {name}" for name in self.plant.coordinates]
+            varies = np.ptp(has, axis=0) > 0.0
+            yield [(share(f"the {thing}"), self.edited(j, **{field: twice}))
+                   for j, thing in enumerate(things) if varies[j]]  # fmt: skip
+            yield [(partial(_amount, thing, has[:, j]), self.edited(j, **{field: more}))
+                   for j, thing in enumerate(things)]  # fmt: skip
         names, bias, v = self.plant.coordinates, self.terms.bias, self.points.v
         yield [(partial(_drag, names[i], names[j]),
                 self.residual(bias=bias + np.outer(v[:, j], np.eye(len(names))[i])))
@@ -421,7 +430,7 @@ class Search:
         yield f"all velocity terms{who}", "bias", whole
         yield f"M' v{who}", "bias", gain
         yield f"1/2 v (dM/dq) v{who}", "bias", whole - gain
-        mass = self.terms_of(trees).mass
+        mass = self.terms_of(trees).mass if who else self.terms.mass  # armatures are in the whole
         for i, j in itertools.product(range(n), repeat=2):
             entry = _only(mass, (slice(None), i, j))
             name = f"mass matrix {names[i]} {names[j]}{who}"
@@ -486,6 +495,14 @@ def _explained(say: Callable[[float], str], start: Floats, left: Floats) -> Iter
         c = -float(np.sum(start * step)) / square
         if not _is_left(start, start + c * step) and (said := say(c)):
             yield said
+
+
+def _oddness(said: str) -> int:
+    """Return 2 for words with an arbitrary number, 1 for a fraction, 0 for what is missing."""
+    amount = " in the equations and " in said and " is 0 in" not in said
+    if amount or any(word in said for word in (" times ", " more in ", " less in ", "_dot more")):
+        return 2
+    return int(" of MuJoCo's" in said)
 
 
 def _is_left(start: Floats, left: Floats) -> bool:

@@ -83,7 +83,9 @@ class PlantModel:
         self._require_names()
         values = self._first(self._written(plant.nominal))
         self.targets, self.last = [*values], np.array([*values.values()])
-        require_compiler(spec)
+        inertial = {("body", "mass"), ("body", "ipos"), ("body", "inertia")}
+        masses = any((x.kind, x.field) in inertial or x.kind == "geom" for x in self.targets)
+        require_compiler(spec, masses=masses)
         self._freeze_inertias()
         self.require(self.last[None])
         plain = self.compile(self.last)
@@ -199,17 +201,19 @@ class PlantModel:
                 continue
             body = spec.body(name)
             body.simple = 0  # mj_setConst ends the process on a body compiled as simple
-            if not np.isnan(body.fullinertia[0]):
+            full = not np.isnan(body.fullinertia[0])
+            if full and "inertia" in parts:
                 rule = "must be diaginertia: one that is written is about the body's own axes"
                 raise InvalidValueError(f"<inertial fullinertia> of body {name!r}", rule)
             if len(parts) == 7:  # mass, ipos and inertia
                 body.iquat = (1.0, 0.0, 0.0, 0.0)
                 body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-            elif not body.explicitinertial:
+            elif full or not body.explicitinertial:
                 if inferred is None:
                     rule = "must have an <inertial>, or mass, ipos and inertia be written, for the"
                     raise InvalidValueError(f"body {name!r}", f"{rule} {why}")
                 there = inferred.body(name)
+                body.fullinertia = np.full(6, np.nan)
                 body.mass, body.ipos = float(there.mass[0]), there.ipos
                 body.iquat, body.inertia = there.iquat, there.inertia
             body.explicitinertial = True
@@ -310,11 +314,11 @@ class PlantModel:
                 yield ~(x >= 0.0), target, "must not be negative"
         for target in column:
             if target.field == "inertia":
-                whole = [column.get(target._replace(item=i)) for i in range(3)]
-                if any(x is None for x in whole):
-                    raise InvalidValueError(f"write: {target}", "must be written with all three")
+                there = self._spec.body(target.name).inertia  # of those that are not written
+                whole = [column.get(target._replace(item=i), there[i]) for i in range(3)]
                 a, b, c = (whole[(target.item + k) % 3] for k in (1, 2, 3))
-                yield ~(a + b >= c), target, "must be at most the sum of the other two"  # type: ignore[operator]
+                bad = np.broadcast_to(~(a + b >= c), len(rows))
+                yield bad, target, "must be at most the sum of the other two"
 
     def compile(self, row: Floats) -> Any:
         """Return a model compiled afresh with a row of values, or none of them."""

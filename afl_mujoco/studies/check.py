@@ -452,13 +452,17 @@ class Request:
         v, speed = few.v, np.abs(few.v)
         still, ahead, back = (terms(few.q, s * v)[1] for s in (0.0, 1.0, -1.0))
         quadratic, linear = 0.5 * (ahead + back) - still, 0.5 * (ahead - back)
-        rate = _slope(lambda s: terms(few.q + s * v, v)[0], 1e-3 / np.maximum(1.0, speed.max(1)))
+        fastest = np.maximum(1.0, speed.max(1))
+        rate = _slope(lambda s: terms(few.q + s * v, v)[0], 1e-3 / fastest)
         gain, most = (
             0.5 * np.einsum("ki,kij,kj->k", x, y, x) for x, y in ((v, rate), (speed, np.abs(rate)))
         )
         # differences of biases are rounding of the whole bias where there are no such terms
         whole = np.einsum("ki,ki->k", speed, np.abs(ahead) + np.abs(back) + np.abs(still))
-        size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most + 1e-6 * whole
+        # and differences of mass matrices that of the whole matrix
+        mass = np.abs(terms(few.q, v)[0])
+        steady = 1e-3 * np.einsum("ki,kij,kj->k", speed, mass, speed) * fastest
+        size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most + 1e-6 * whole + steady
         lost, taken = np.einsum("ki,ki->k", v, linear), np.einsum("ki,ki->k", damping, v**2)
         other = np.einsum("ki,ki->k", speed, np.abs(linear)) + taken + 1e-6 * whole
         return (

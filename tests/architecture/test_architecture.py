@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 import tomllib
-from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,17 +27,6 @@ def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
 
-# Names
-
-
-@pytest.mark.parametrize("source", SOURCES, ids=relative)
-def test_a_module_is_named_for_what_it_holds(source: Path) -> None:
-    assert {source.stem, source.parent.name}.isdisjoint({"utils", "helpers", "common", "base"})
-
-
-# The public face
-
-
 @pytest.mark.parametrize("name", afl_mujoco.__all__)
 def test_a_public_name_exists_and_is_documented(name: str) -> None:
     value = getattr(afl_mujoco, name)
@@ -47,15 +35,11 @@ def test_a_public_name_exists_and_is_documented(name: str) -> None:
         assert value.__doc__ and not value.__doc__.startswith(generated)
 
 
-@pytest.mark.parametrize(
-    ("asked", "heavy"),
-    [
-        ("import afl_mujoco", {"dm_control", "matplotlib", "mujoco", "numba", "scipy"}),
-        ("from afl_mujoco.cli.study import study_commands; study_commands('')",
-         {"matplotlib", "mujoco", "numba", "numpy", "pydantic", "scipy"}),
-    ],
-    ids=["the package", "the list of commands"],
-)  # fmt: skip
+@pytest.mark.parametrize(("asked", "heavy"), [
+    ("import afl_mujoco", {"dm_control", "matplotlib", "mujoco", "numba", "scipy"}),
+    ("from afl_mujoco.cli.study import study_commands; study_commands('')",
+     {"matplotlib", "mujoco", "numba", "numpy", "pydantic", "scipy"}),
+], ids=["the package", "the list of commands"])  # fmt: skip
 def test_what_every_user_waits_for_imports_nothing_heavy_and_is_quick(asked, heavy) -> None:
     program, started = f"{asked}; import sys; print(*sys.modules)", time.perf_counter()
     run = subprocess.run(
@@ -65,14 +49,12 @@ def test_what_every_user_waits_for_imports_nothing_heavy_and_is_quick(asked, hea
     assert heavy.isdisjoint(run.stdout.split())
 
 
-# One writer of MjModel
-
 MODEL_FIELDS = {field for field in dir(mujoco.MjModel) if "_" in field[1:-1]}
 MODEL_FIELDS |= {"opt", "vis", "stat", "qpos0", "qpos_spring"}
 WRITERS = [PACKAGE / "simulation" / "mujoco_model.py", PACKAGE / "plants" / "writer.py"]
 
 
-def model_writes(code: str) -> Iterator[str]:
+def model_writes(code: str):
     """Assignments to `….field`, `….field[…]` and `….opt.….field`, in whichever statement."""
     for node in ast.walk(ast.parse(code)):
         if not isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
@@ -90,29 +72,21 @@ def test_nobody_but_the_writers_writes_to_a_model(source: Path) -> None:
     assert list(model_writes(source.read_text())) == []
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "model.body_mass[1] = 2.0",
-        "model.body_inertia[1, :] *= 2.0",
-        "self.mj_model.geom_size = size",
-        "model.opt.gravity[2] = -9.7",
-        "model.opt.timestep, b = 1e-3, 2",
-        "physics.named.model.site_pos['tip', 'z'] = 1.0",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "model.body_mass[1] = 2.0", "model.body_inertia[1, :] *= 2.0", "self.mj_model.geom_size = size",
+    "model.opt.gravity[2] = -9.7", "model.opt.timestep, b = 1e-3, 2",
+    "physics.named.model.site_pos['tip', 'z'] = 1.0",
+])  # fmt: skip
 def test_a_write_to_a_model_is_noticed(line: str) -> None:
     assert list(model_writes(line)) != []
 
-
-# What is committed is valid everywhere
 
 INDEX = re.compile(  # a letter of each in brackets, lest this file match itself
     r"pyp[i]\.org|python[h]osted|index[-]url|find[-]links|trusted[-]host|/simple[/]|file[:]//"
 )
 
 
-def committed_texts() -> Iterator[Path]:
+def committed_texts():
     listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     run = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True)
     if run.returncode:
@@ -130,11 +104,9 @@ def test_no_committed_file_names_a_package_index() -> None:
 
 @pytest.mark.parametrize("lock", sorted(ROOT.glob("requirements*.lock")), ids=relative)
 def test_a_lock_pins_versions_and_their_archives_and_says_nothing_else(lock: Path) -> None:
-    pin = re.compile(
-        r"[a-z0-9-]+==[A-Za-z0-9.!+]+( ; [\w\s().'=!<>]+)?( --hash=sha256:[0-9a-f]{64})+"
-    )
+    pin = r"[a-z0-9-]+==[A-Za-z0-9.!+]+( ; [\w\s().'=!<>]+)?( --hash=sha256:[0-9a-f]{64})+"
     lines = re.sub(r" \\\n +", " ", lock.read_text()).splitlines()
-    odd = [line for line in lines if not line.startswith("#") and not pin.fullmatch(line)]
+    odd = [line for line in lines if not line.startswith("#") and not re.fullmatch(pin, line)]
     assert odd == []
 
 
@@ -176,14 +148,8 @@ def test_a_longer_subject_is_noticed(tmp_path: Path) -> None:
     assert long_subjects(tmp_path) == ["φ" * 73]
 
 
-# The import contracts hold, and would notice
-
-CONTRACTS = {
-    one["id"]: one["name"]
-    for one in tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
-        "contracts"
-    ]
-}
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONTRACTS = {one["id"]: one["name"] for one in PROJECT["tool"]["importlinter"]["contracts"]}
 
 
 def broken_contracts(folder: Path) -> set[str]:
@@ -215,24 +181,18 @@ def test_the_import_contracts_hold(package_copy: Path) -> None:
 EQUATIONS = "afl_mujoco.plants.cartpole_equations"
 
 
-@pytest.mark.parametrize(
-    ("contract", "module", "planted"),
-    [
-        ("floors", "plants/cartpole_equations", "afl_mujoco.control"),
-        ("research", "cli/main", "research.batch"),
-        ("engine-side", "simulation/mujoco_model", "afl_mujoco.simulation.ode"),
-        ("engine-side", "simulation/trajectory", EQUATIONS),  # indirectly
-        ("engine-side", "simulation/gym_env/environment", EQUATIONS),
-        ("analytic-side", "plants/cartpole_equations", "mujoco"),
-        ("analytic-side", "../research/batch", "mujoco"),
-        ("analytic-side", "plants/tree", "mujoco"),
-        ("analytic-side", "plants/suspects", "mujoco"),
-        ("belief", "control/__init__", EQUATIONS),
-        ("search", "../research/genetic", "afl_mujoco.scenario"),
-        ("tree", "plants/tree", EQUATIONS),
-        ("writer", "plants/writer", "afl_mujoco.plants.equations"),
-    ],
-)
+@pytest.mark.parametrize(("contract", "module", "planted"), [
+    ("floors", "plants/cartpole_equations", "afl_mujoco.control"),
+    ("research", "cli/main", "research.batch"),
+    ("engine-side", "simulation/mujoco_model", "afl_mujoco.simulation.ode"),
+    ("engine-side", "simulation/trajectory", EQUATIONS),  # indirectly
+    ("engine-side", "simulation/gym_env/environment", EQUATIONS),
+    ("analytic-side", "plants/cartpole_equations", "mujoco"),
+    ("analytic-side", "../research/batch", "mujoco"), ("analytic-side", "plants/tree", "mujoco"),
+    ("analytic-side", "plants/suspects", "mujoco"), ("belief", "control/__init__", EQUATIONS),
+    ("search", "../research/genetic", "afl_mujoco.scenario"), ("tree", "plants/tree", EQUATIONS),
+    ("writer", "plants/writer", "afl_mujoco.plants.equations"),
+])  # fmt: skip
 def test_a_planted_import_breaks_its_contract(package_copy, contract, module, planted) -> None:
     source = package_copy / "afl_mujoco" / f"{module}.py"
     source.write_text(f"{source.read_text()}\nimport {planted}\n")

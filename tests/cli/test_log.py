@@ -1,5 +1,4 @@
 import shutil
-from pathlib import Path
 
 import pytest
 
@@ -8,7 +7,7 @@ from afl_mujoco.scenario.files import save_scenario
 from tests.synthetic_logs import RIG
 
 
-def test_a_recording_of_the_package_is_plotted(command_line, tmp_path: Path) -> None:
+def test_a_recording_of_the_package_is_plotted(command_line, tmp_path) -> None:
     code, output, errors = command_line("log", "--out", "out")
     assert (code, errors) == (0, "")
     assert "Experiment-1008" in output and "20.28" in output and "5 %" in output
@@ -16,11 +15,10 @@ def test_a_recording_of_the_package_is_plotted(command_line, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
-def test_a_simulated_run_is_written_as_a_log_and_plotted(command_line, tmp_path: Path) -> None:
+def test_a_simulated_run_is_written_as_a_log_and_plotted(command_line, tmp_path) -> None:
     save_scenario(RIG, tmp_path / "rig.toml")
-    code, output, _ = command_line(
-        "simulate", "rig.toml", "--controller", "lqr", "--log", "--out", "out"
-    )
+    command = ("simulate", "rig.toml", "--controller", "lqr", "--log", "--out", "out")
+    code, output, _ = command_line(*command)
     assert code == 0 and "rig-lqr-sampled-log.csv, rig-lqr-sampled-log.toml" in output
     stem = "out/rig-lqr-sampled-log"
     code, output, _ = command_line("log", f"{stem}.csv", "--description", f"{stem}.toml")

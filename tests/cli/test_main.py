@@ -7,8 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -33,8 +31,7 @@ duration = 0.05
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """A working folder with scenario files, of which one is good."""
+def folder(tmp_path):
     (tmp_path / "short.toml").write_text(SHORT)
     (tmp_path / "bad.toml").write_text(SHORT.replace("[0.5, 1.0]", "[0.5, -1.0]"))
     (tmp_path / "empty.toml").write_text('[replay]\ncontroller = ""')
@@ -45,12 +42,8 @@ BAD_ARGUMENTS = {
     "validate bad.toml": "bad.toml: schedule.cart_mass must be positive, got -1.0",
     "simulate bad.toml": "bad.toml: schedule.cart_mass must be positive, got -1.0",
     "validate step": "scenario must be one of nominal, step-step, ",
-    "simulate short.toml --simulator ode --controller lqr-estimated": (
-        "controller 'lqr-estimated' uses the estimator; only mode \"sampled\" "
-    ),
-    "validate short.toml --timestep 0.003 --control-period 0.01": (
-        "timestep 0.003 s must divide control_period 0.01 s"
-    ),
+    "simulate nominal --simulator ode --controller lqr-estimated": 'only mode "sampled" ',
+    "validate --timestep 0.003 --control-period 0.01": "0.003 s must divide control_period 0.01 s",
     "validate --timestep fast": "--timestep must be a number, got fast",
     "validate --fast": "--fast is not an option of validate",
     "thresholds --control-period": "--control-period is not an option of thresholds",
@@ -62,19 +55,13 @@ BAD_ARGUMENTS = {
     "validat": "got 'validat'; did you mean validate?",
     "": "command must be one of compare, check, validate, thresholds, montecarlo, attraction, ",
     "report nowhere": "nowhere must hold a result: run afl-mujoco validate",
-    "simulate short.toml --simulator drake": (
-        "simulator must be one of ode, exact, continuous, sampled, got 'drake'"
-    ),
+    "simulate --simulator drake": "one of ode, exact, continuous, sampled, got 'drake'",
     "simulate short.toml --controller ''": "--controller must not be empty, got ''",
     "simulate empty.toml": "controller must be one of fixed, adaptive, ",
     "render short.toml --controllers": "--controllers must have a value, got none",
     "validate nominal --timestep": "--timestep must have a value, got none",
-    "simulate short.toml --integrator RK5": (
-        "integrator must be one of RK4, Euler, implicit, implicitfast, got 'RK5'"
-    ),
-    "simulate short.toml --out short.toml/x": (
-        "output folder short.toml/x cannot be written: not a directory"
-    ),
+    "simulate --integrator RK5": "one of RK4, Euler, implicit, implicitfast, got 'RK5'",
+    "simulate --out short.toml/x": "folder short.toml/x cannot be written: not a directory",
     "validate short.toml --out /proc/afl": "output folder /proc/afl cannot be written: no such",
     "simulate short.toml --out .": "short.toml is the input scenario and",
     "simulate short": "did you mean short.toml?",
@@ -86,7 +73,7 @@ def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(folder, refu
     assert BAD_ARGUMENTS[line] in refuses(*shlex.split(line))
 
 
-def test_validate_writes_a_report_that_passes(folder: Path, command_line) -> None:
+def test_validate_writes_a_report_that_passes(folder, command_line) -> None:
     code, output, errors = command_line("validate", "short.toml", "--workers", "1", "--out", "out")
     assert (code, errors) == (0, "")
     assert output.rstrip().splitlines()[-1] == "PASS: CODES AGREE 17/17"
@@ -95,8 +82,7 @@ def test_validate_writes_a_report_that_passes(folder: Path, command_line) -> Non
     written = {p.name for p in (folder / "out").iterdir()}
     texts = {"report.json", "report.md", "report.npz", "report.html"}
     figures = {name for name in written if name.endswith((".svg", ".png", ".replay.json"))}
-    assert written == texts | figures
-    assert "report-runs-1.replay.json" in figures
+    assert written == texts | figures and "report-runs-1.replay.json" in figures
     assert report["command"] == "afl-mujoco validate short.toml"
     page = (folder / "out" / "report.html").read_bytes()
     assert command_line("report", "out")[0] == 0
@@ -111,8 +97,7 @@ def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(folde
     options = ["--controllers", "adaptive", "--timestep", "0.01"]  # RK4 at 10 ms misses B3 by far
     rest = ["--no-page", "--workers", "1", "--out", "out"]
     code, output, _ = command_line("validate", "my case.toml", *options, *rest)
-    assert code == 1
-    assert output.rstrip().splitlines()[-1].startswith("FAIL: ")
+    assert code == 1 and output.rstrip().splitlines()[-1].startswith("FAIL: ")
     report = json.loads((folder / "out" / "report.json").read_text())
     assert report["verdict"] == "fail"
     said = ["afl-mujoco", "validate", "my case.toml", *options]
@@ -121,7 +106,7 @@ def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(folde
     assert written == {"report.json", "report.md", "report.npz"}
 
 
-def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path, command_line) -> None:
+def test_simulate_writes_run_figure_and_resolved_scenario(folder, command_line) -> None:
     code, output, errors = command_line("simulate", "short.toml", "--compare", "--out", "out")
     assert (code, errors) == (0, "")
     assert "objective OF" in output and "settling" not in output
@@ -134,14 +119,14 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder: Path, command_
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
-def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder: Path, workers: str) -> None:
+def test_ctrl_c_is_one_line_exit_130_and_leaves_no_half_report(folder, workers: str) -> None:
     out = folder / "out"  # it is made when everything is imported and checked
     command = ("validate", "--workers", workers, "--out", "out")
     interrupt(*command, cwd=folder, once=out.exists, after=1.0)
     assert list(out.iterdir()) == []
 
 
-def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder: Path) -> None:
+def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder) -> None:
     (folder / "own.py").write_text(
         "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nclass Library:\n"
         "    def __del__(self): signal.raise_signal(signal.SIGINT)\nLibrary()\n"
@@ -151,13 +136,10 @@ def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder: Path) -> None:
     assert (result.returncode, result.stderr) == (130, "afl-mujoco: interrupted\n")
 
 
-@pytest.mark.parametrize(
-    "command", ["", "validate", "report", "simulate", "regression", "render", "view"]
-)
+@pytest.mark.parametrize("command", " validate report simulate regression render view".split(" "))
 def test_help_shows_an_example(command_line, command: str) -> None:
     code, output, _ = command_line(*command.split(), "--help")
-    assert code == 0
-    assert f"Example: afl-mujoco {command}" in output
+    assert code == 0 and f"Example: afl-mujoco {command}" in output
 
 
 def a_library_that_is_loaded(command: Regression) -> int:
@@ -167,7 +149,7 @@ def a_library_that_is_loaded(command: Regression) -> int:
         raise ImportError("initialization failed") from interrupt
 
 
-def a_callback(made: type[Exception] | None) -> Callable[[Regression], int]:
+def a_callback(made: type[Exception] | None):
     """A ctypes callback loses the interrupt: no cause, no context."""
 
     class Argument:
@@ -190,15 +172,12 @@ def a_callback(made: type[Exception] | None) -> Callable[[Regression], int]:
     return run
 
 
-@pytest.mark.parametrize(
-    "command",
-    [a_library_that_is_loaded, *map(a_callback, (None, FileNotFoundError, GraphicsError))],
-    ids=["import", "callback", "file", "graphics"],
-)
+@pytest.mark.parametrize("command", [
+    a_library_that_is_loaded, *map(a_callback, (None, FileNotFoundError, GraphicsError)),
+], ids=["import", "callback", "file", "graphics"])  # fmt: skip
 def test_a_ctrl_c_of_which_a_library_made_another_error_is_one_line(monkeypatch, capsys, command):
     monkeypatch.setattr(Regression, "run", command)
-    assert main(["regression"]) == 130
-    assert capsys.readouterr().err == "afl-mujoco: interrupted\n"
+    assert main(["regression"]) == 130 and capsys.readouterr().err == "afl-mujoco: interrupted\n"
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
@@ -215,7 +194,7 @@ SHADOWS = ("pickle", "mujoco", "numpy", "typing", "scipy", "tyro", "signal", "af
 
 
 @pytest.fixture
-def shadowed(folder: Path) -> Path:
+def shadowed(folder):
     for name in SHADOWS:
         (folder / f"{name}.py").write_text("raise SystemExit('taken for a module')\n")
     (folder / "mine.py").write_text("def force(t, state, belief): return 0.0\n")
@@ -223,7 +202,7 @@ def shadowed(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
-def test_no_file_of_the_working_folder_hides_a_module(shadowed: Path, flags: list[str]) -> None:
+def test_no_file_of_the_working_folder_hides_a_module(shadowed, flags: list[str]) -> None:
     command = "-m afl_mujoco simulate short.toml --controller mine:force --no-page --out out"
     done = subprocess.run(
         [sys.executable, *flags, *command.split()], cwd=shadowed, capture_output=True, text=True
@@ -232,7 +211,7 @@ def test_no_file_of_the_working_folder_hides_a_module(shadowed: Path, flags: lis
     assert (shadowed / "out" / "short-mine.force-sampled.npz").is_file()
 
 
-def test_no_file_of_the_working_folder_hides_a_module_from_a_worker(shadowed: Path) -> None:
+def test_no_file_of_the_working_folder_hides_a_module_from_a_worker(shadowed) -> None:
     options = ("--samples", "4", "--workers", "2", "--no-worst-case", "--no-page", "--out", "out")
     done = run("montecarlo", "short.toml", "--controllers", "mine:force", *options, cwd=shadowed)
     assert done.stderr == "" and "wrote out/montecarlo.json" in done.stdout

@@ -21,7 +21,6 @@ WRITTEN = {"short.toml", "short-lqr-sampled.npz"}
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A folder with a scenario that asks nothing, one that nothing meets, and a controller."""
     (tmp_path / "short.toml").write_text(SHORT)
     (tmp_path / "fails.toml").write_text(SHORT + "[requirements]\nmax.force = 1e-9\n")
     (tmp_path / "mine.py").write_text("def force(t, x, belief):\n    print('φ')\n    return 0.0\n")
@@ -48,9 +47,8 @@ def written(folder: Path) -> set[str]:
 
 
 def test_an_output_of_another_encoding_gets_every_line(folder: Path) -> None:
-    code, said = shell(
-        folder, ">said", *simulate("short.toml", "mine:force"), PYTHONIOENCODING="ascii"
-    )
+    run = simulate("short.toml", "mine:force")
+    code, said = shell(folder, ">said", *run, PYTHONIOENCODING="ascii")
     assert (code, said) == (0, "")
     text = (folder / "said").read_text("ascii")
     assert "PASS" in text and r"\u222b" in text  # the integral sign of a metric
@@ -98,7 +96,6 @@ def test_a_stderr_that_is_full_costs_nothing_else_and_a_message_is_still_2(folde
 
 
 def test_the_streams_of_a_caller_are_left_as_they_were(capsys) -> None:
-    assert main(["--version"]) == 0
-    assert main(["nosuch"]) == 2
+    assert main(["--version"]) == 0 and main(["nosuch"]) == 2
     output, errors = capsys.readouterr()
     assert output.startswith("afl-mujoco ") and errors.count("\n") == 1

@@ -1,5 +1,3 @@
-"""`afl-mujoco render` and `afl-mujoco view` as a user runs them."""
-
 import sys
 
 import pytest
@@ -16,13 +14,9 @@ SMALL = ("--size", "160x128", "--controllers", "adaptive")
 BAD = {
     "render nominal --size 1280": "size must be WIDTHxHEIGHT, such as 1280x720, got 1280",
     "render nominal --size 641x480": "film width must be even, for H.264, got 641",
-    "render nominal --size 1280x1440": (
-        "film height must lie between 128 and 1080 pixels, the off-screen buffer, got 1440"
-    ),
+    "render nominal --size 1280x1440": "film height must lie between 128 and 1080 pixels, the ",
     "render --fps 0": "fps must lie between 1 and 240, got 0",
-    "render nominal --controllers fixed fixed": (
-        "film names must differ, got 'nominal-fixed.mp4' twice"
-    ),
+    "render --controllers fixed fixed": "film names must differ, got 'nominal-fixed.mp4' twice",
     "render blink.toml": "scenario 'blink' must last a frame at 30 frames per second, got 0.01 s",
     "view --speed 0": "speed must be positive and finite, got 0.0",
 }
@@ -36,8 +30,7 @@ def test_bad_input_is_one_line_and_leaves_no_file(graphics, tmp_path, refuses, l
 
 def test_without_a_backend_one_line_names_the_packages(tmp_path) -> None:
     result = run("render", "nominal", *SMALL, cwd=tmp_path, MUJOCO_GL="nonsense")
-    assert (result.returncode, result.stdout) == (2, "")
-    assert len(result.stderr.splitlines()) == 1
+    assert (result.returncode, result.stdout) == (2, "") and len(result.stderr.splitlines()) == 1
     assert "MUJOCO_GL=nonsense must be able to draw; install Debian's libegl1" in result.stderr
     assert "libosmesa6" in result.stderr
 
@@ -59,8 +52,7 @@ def test_view_without_a_display_says_what_to_do(monkeypatch, capsys) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(GraphicsError, match="afl-mujoco render makes films without one"):
         require_display()
-    assert main(["view", "step-step"]) == 2
-    assert len(capsys.readouterr().err.splitlines()) == 1
+    assert main(["view", "step-step"]) == 2 and len(capsys.readouterr().err.splitlines()) == 1
 
 
 def test_view_on_a_display_that_is_not_there_is_one_line(tmp_path) -> None:

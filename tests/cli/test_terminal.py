@@ -1,5 +1,3 @@
-"""What the commands share: progress on a terminal and elsewhere, the output that nobody reads."""
-
 import pytest
 
 from afl_mujoco.cli import terminal
@@ -18,13 +16,10 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys)
     assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
 
 
-def test_the_version_is_that_of_the_package(command_line) -> None:
+def test_the_version_is_the_package_s_and_nothing_is_meant_by_another_option(command_line) -> None:
     from afl_mujoco import __version__
 
     assert command_line("--version") == (0, f"afl-mujoco {__version__}\n", "")
-
-
-def test_nothing_is_meant_by_an_option_of_another_command(command_line) -> None:
     assert "did you mean" not in command_line("report", "--out", "x")[2]
 
 

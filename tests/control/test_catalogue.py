@@ -1,5 +1,3 @@
-"""Gains, the gain function (G1), what each controller assumes, what tells one from another."""
-
 import dataclasses
 import importlib
 import math
@@ -23,19 +21,12 @@ TABLE_2 = {
     "slope": (5.3627, -6.2571, -0.0328, 1.8963, -0.2129),
     "boundary_layer": (95.1876, 3.4663, 1.1792, 0.3508, -1.6115),
 }
-# (G1) at M = 1, l = 1 is w1 + w2 + w4: sums done by hand.
 NAMES = ("switching", "slope", "boundary_layer")
 
 
-def test_the_names_that_help_shows_are_those_of_the_catalogue():
+def test_the_catalogue_has_the_paper_s_gains_and_the_names_that_help_shows():
     assert tuple(afl.CONTROLLERS) == names.NAMES
-
-
-def test_the_fixed_gains_are_the_paper_s_constants():
     assert afl.Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004) == afl.FIXED_GAINS
-
-
-def test_the_published_gain_function_is_table_2():
     published = afl.GainFunction.published()
     assert {name: getattr(published, name) for name in NAMES} == TABLE_2
     np.testing.assert_array_equal(published.coefficients, list(TABLE_2.values()))
@@ -63,56 +54,12 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
 
-def test_a_true_belief_passes_everything_on(adaptive):
+def test_a_true_belief_passes_on_and_s_saturates_over_phi(adaptive, random_states, odd_parameters):
     inputs = adaptive.inputs_along_run([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
-    assert inputs.shape == (1, 2, 7)
-    assert inputs[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
+    assert inputs.shape == (1, 2, 7) and inputs[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
     gains = adaptive.gain_function.gains(0.5, 0.2)
     expected = [gains.switching, gains.slope, gains.boundary_layer]
     np.testing.assert_allclose(inputs[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
-
-
-def test_a_gain_function_that_turns_negative_is_refused_before_a_run():
-    rows = ((110, 0, 0, 0, 0), (1.0, -1.0, 1.0, 0, 0), (99, 0, 0, 0, 0))
-    falling = afl.GainFunction(**dict(zip(NAMES, rows, strict=True)))
-    controller = afl.AFLController(name="falling", gain_function=falling)
-    said = line("slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1")
-    with pytest.raises(InvalidValueError, match=said):
-        controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
-    with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
-        falling.gains(2.0, 0.3)
-
-
-def test_a_gain_function_needs_five_finite_coefficients():
-    good = {name: (1, 0, 0, 0, 0) for name in NAMES}
-    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be five, got 4$"):
-        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4)})
-    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be finite, got nan$"):
-        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
-
-
-def test_unknown_names_are_answered_with_the_valid_ones():
-    estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
-    named = (*afl.CONTROLLERS, f"({estimable}partial-linearization)-estimated, module:attribute")
-    said = f"{', '.join(named)}, got 'adaptiv'; did you mean adaptive or adaptive-held?"
-    with pytest.raises(UnknownNameError, match=line(f"controller must be one of {said}")):
-        afl.find_controller("adaptiv")
-
-
-@pytest.mark.parametrize("name", [n for n in afl.CONTROLLERS if n in INFORMED])
-def test_every_controller_has_a_twin_with_the_estimator(name):
-    twin = afl.find_controller(f"{name}-estimated")
-    assert (twin.name, twin.controller) == (f"{name}-estimated", afl.CONTROLLERS[name])
-    assert twin.name not in afl.CONTROLLERS
-
-
-@pytest.mark.parametrize("name", ["adaptive-nominal-estimated", "pid-estimated", "-estimated"])
-def test_a_controller_that_assumes_a_nominal_plant_or_is_none_has_no_such_twin(name):
-    with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
-        afl.find_controller(name)
-
-
-def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_parameters):
     p = odd_parameters
     gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
     plants = np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
@@ -122,10 +69,37 @@ def test_the_saturation_ratio_is_s_over_phi(random_states, adaptive, odd_paramet
     np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
 
 
-def test_a_controller_named_as_results_show_it_is_told_how_it_is_given() -> None:
-    said = r"did you mean my_pid:Observer\?\), got my_pid.Observer"
+def test_a_gain_function_needs_five_finite_coefficients_and_stays_positive():
+    rows = ((110, 0, 0, 0, 0), (1.0, -1.0, 1.0, 0, 0), (99, 0, 0, 0, 0))
+    falling = afl.GainFunction(**dict(zip(NAMES, rows, strict=True)))
+    controller = afl.AFLController(name="falling", gain_function=falling)
+    said = line("slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1")
     with pytest.raises(InvalidValueError, match=said):
-        afl.find_controller("my_pid.Observer")
+        controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
+    with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
+        falling.gains(2.0, 0.3)
+    good = {name: (1, 0, 0, 0, 0) for name in NAMES}
+    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be five, got 4$"):
+        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4)})
+    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be finite, got nan$"):
+        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
+
+
+def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twin():
+    estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
+    named = (*afl.CONTROLLERS, f"({estimable}partial-linearization)-estimated, module:attribute")
+    said = f"{', '.join(named)}, got 'adaptiv'; did you mean adaptive or adaptive-held?"
+    with pytest.raises(UnknownNameError, match=line(f"controller must be one of {said}")):
+        afl.find_controller("adaptiv")
+    with pytest.raises(InvalidValueError, match=r"mean my_pid:Observer\?\), got my_pid.Observer"):
+        afl.find_controller("my_pid.Observer")  # as results show it
+    for name in INFORMED:
+        twin = afl.find_controller(f"{name}-estimated")
+        assert (twin.name, twin.controller) == (f"{name}-estimated", afl.CONTROLLERS[name])
+        assert twin.name not in afl.CONTROLLERS
+    for name in ("adaptive-nominal-estimated", "pid-estimated", "-estimated"):
+        with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
+            afl.find_controller(name)
 
 
 def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
@@ -140,10 +114,8 @@ def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
 
 
 @pytest.mark.parametrize(("names", "subject"), [
-    (("lqr", "adaptive", "own.LQI"), "own.LQI"),
-    (("lqr", "fixed", "adaptive"), "adaptive"),
-    (("lqr", "adaptive-estimated"), "adaptive-estimated"),
-    (("lqr", "fixed"), "fixed"),
+    (("lqr", "adaptive", "own.LQI"), "own.LQI"), (("lqr", "fixed", "adaptive"), "adaptive"),
+    (("lqr", "adaptive-estimated"), "adaptive-estimated"), (("lqr", "fixed"), "fixed"),
     (("lqr",), "lqr"),
 ], ids=str)  # fmt: skip
 def test_findings_are_about_the_users_own_controller_else_the_papers(names, subject) -> None:
@@ -153,22 +125,18 @@ def test_findings_are_about_the_users_own_controller_else_the_papers(names, subj
 LAW = "def mine(time, state, belief):\n    return {gain} * state[1]\n"
 
 
-def test_a_digest_changes_with_any_value_of_a_scenario_and_with_nothing_else() -> None:
+def test_a_digest_changes_with_any_value_or_file_and_nothing_else(tmp_path, monkeypatch) -> None:
     one = afl.Scenario(name="rig", initial_state=(0.0, 0.1, 0.0, 0.0))
     changes = (
-        {"duration": 9.0},
-        {"schedule": {"cart_mass": 2.0}},
+        {"duration": 9.0}, {"schedule": {"cart_mass": 2.0}},
         {"imperfections": afl.Imperfections(delay=0.01)},
         {"requirements": afl.Requirements(max={"z": 1.0})},
         {"disturbances": (afl.Impulse(momentum=1.0, time=1.0),)},
-    )
+    )  # fmt: skip
     found = [digests([dataclasses.replace(one, **change)], []) for change in ({}, *changes)]
     assert {name for digest in found for name in digest} == {"scenario rig"}
     assert len({digest["scenario rig"] for digest in found}) == len(found)
     assert digests([dataclasses.replace(one)], []) == found[0]
-
-
-def test_a_digest_changes_with_the_file_of_a_controller(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     found = []

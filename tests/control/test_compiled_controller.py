@@ -34,9 +34,7 @@ def along(controller, states, assumed):
     return np.array([form.compiled_force(*controller, *s, assumed) for s in states.tolist()])
 
 
-def test_the_paper_s_controller_is_its_numpy_form_with_the_gains_of_g1(
-    random_states, odd_parameters, controller
-):
+def test_the_paper_s_controller_is_its_numpy_form(random_states, odd_parameters, controller):
     p = odd_parameters
     gains = controller.gain_function.gains(p.cart_mass, p.half_length)
     plain = control_force(random_states, p, gains)
@@ -49,9 +47,7 @@ def test_linear_feedback_is_minus_the_gains_times_the_state(random_states, table
     np.testing.assert_allclose(mine, -random_states @ table[2, 2], rtol=1e-12, atol=1e-12)
 
 
-def test_partial_feedback_gives_the_cart_the_acceleration_that_it_asks_for(
-    random_states, table, odd_parameters
-):
+def test_partial_feedback_gives_the_cart_what_it_asks_for(random_states, table, odd_parameters):
     p = odd_parameters
     force = along((form.PARTIAL, table, MASSES, LENGTHS), random_states, values_of(p))
     gains = form.interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
@@ -88,21 +84,31 @@ def test_only_the_paper_s_controller_has_no_value_at_a_pole_that_lies(phi, table
         assert math.isfinite(force) == math.isfinite(phi)
 
 
-def test_at_a_node_the_gains_are_the_table_s_to_the_bit(table):
+def test_at_a_node_and_where_there_is_but_one_the_gains_are_the_table_s_to_the_bit(table):
     for i, mass in enumerate(MASSES.tolist()):
         for j, length in enumerate(LENGTHS.tolist()):
             gains = form.interpolated_gains(table, MASSES, LENGTHS, mass, length)
             np.testing.assert_array_equal(gains, table[i, j])
-
-
-def test_by_round_off_beyond_the_grid_the_gains_are_those_at_its_edge(table):
-    for end in (0, -1):
-        beyond = 1.0 + (5e-10 if end else -5e-10)
+    for end, beyond in ((0, 1.0 - 5e-10), (-1, 1.0 + 5e-10)):  # by round-off
         gains = form.interpolated_gains(table, MASSES, LENGTHS, MASSES[end] * beyond, LENGTHS[end])
         np.testing.assert_array_equal(gains, table[end, end])
+    only, one = np.array([[[1.0, 2.0, 3.0, 4.0]]]), np.ones(1)
+    for plant in ((0.1, 0.05), (1.0, 1.0), (9.0, 9.0)):
+        assert form.interpolated_gains(only, one, one, *plant) == (1.0, 2.0, 3.0, 4.0)
 
 
-def test_between_even_nodes_a_quadratic_table_is_met_exactly():
+def test_slopes_are_continuous_across_nodes_and_a_quadratic_table_is_met_exactly(table):
+    step = 1e-6
+
+    def gains(m, x):
+        return np.array(form.interpolated_gains(table, MASSES, LENGTHS, m, x))
+
+    across_masses = [(m, x, step, 0.0) for m, x in ((0.5, 0.35), (0.9, 0.6))]
+    across_lengths = [(m, x, 0.0, step) for m, x in ((0.6, 0.3), (0.95, 0.4), (0.3, 0.8))]
+    for m, x, dm, dx in (*across_masses, *across_lengths):
+        before = (gains(m, x) - gains(m - dm, x - dx)) / step
+        after = (gains(m + dm, x + dx) - gains(m, x)) / step
+        np.testing.assert_allclose(after, before, atol=1e-2)  # curvature times the step
     masses, lengths = np.linspace(0.1, 2.0, 9), np.linspace(0.05, 1.0, 7)
     factors = np.array([1.0, -2.0, 0.5, 3.0])
 
@@ -115,26 +121,6 @@ def test_between_even_nodes_a_quadratic_table_is_met_exactly():
         np.testing.assert_allclose(gains, true(m, x), rtol=1e-13)
 
 
-def test_the_slope_of_the_gains_is_continuous_across_the_nodes(table):
-    step = 1e-6
-
-    def gains(m, x):
-        return np.array(form.interpolated_gains(table, MASSES, LENGTHS, m, x))
-
-    across_masses = [(m, x, step, 0.0) for m, x in ((0.5, 0.35), (0.9, 0.6))]
-    across_lengths = [(m, x, 0.0, step) for m, x in ((0.6, 0.3), (0.95, 0.4), (0.3, 0.8))]
-    for m, x, dm, dx in (*across_masses, *across_lengths):
-        before = (gains(m, x) - gains(m - dm, x - dx)) / step
-        after = (gains(m + dm, x + dx) - gains(m, x)) / step
-        np.testing.assert_allclose(after, before, atol=1e-2)  # curvature times the step
-
-
 @pytest.mark.parametrize("asked", [(0.05, 0.3), (7.0, 0.35), (0.6, 5.0), (math.nan, 0.3)], ids=str)
 def test_beyond_the_grid_nothing_is_known(asked, table):
     assert np.isnan(form.interpolated_gains(table, MASSES, LENGTHS, *asked)).all()
-
-
-def test_one_node_makes_the_gains_constant():
-    table, one = np.array([[[1.0, 2.0, 3.0, 4.0]]]), np.ones(1)
-    for plant in ((0.1, 0.05), (1.0, 1.0), (9.0, 9.0)):
-        assert form.interpolated_gains(table, one, one, *plant) == (1.0, 2.0, 3.0, 4.0)

@@ -23,7 +23,6 @@ ODD = {"pole_mass": 0.083, "gravity": 9.65}
 
 
 def known_to(settings):
-    """The m and g that the estimator knows: those given, else the scenario's."""
     return settings.pole_mass or NOMINAL.pole_mass, settings.gravity or NOMINAL.gravity
 
 
@@ -207,9 +206,6 @@ def test_its_errors_match_its_covariance_and_its_innovations_theirs():
     assert low < nis.mean() < high
 
 
-# What it does
-
-
 def run_with_truth(mass, length, duration=0.6):
     """A run of the ODE of a controller that sees the true M and l, the force held for 1 ms."""
     schedule = {"cart_mass": mass, "half_length": length}
@@ -227,7 +223,7 @@ def test_without_noise_it_finds_any_plant_of_the_box(mass, length):
     np.testing.assert_allclose(out[100:, 2:4], run.state[100:, 2:4], rtol=0, atol=0.01)
 
 
-def test_it_finds_both_again_after_a_step(rng):
+def test_it_finds_both_again_after_a_step_and_alike_in_the_mirror(rng):
     steps = (afl.staircase((0.3,), values) for values in ((0.5, 1.0), (0.2, 0.5)))
     run = run_with_truth(*steps, duration=1.0)
     measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 1e-4]
@@ -235,29 +231,23 @@ def test_it_finds_both_again_after_a_step(rng):
     out, _ = run_estimator(settings, measured, run.force[:-1])
     assert np.abs(np.log(out[290, :2] / [0.5, 0.2])).max() < 0.15
     assert np.abs(np.log(out[-1, :2] / [1.0, 0.5])).max() < 0.15
-
-
-def test_at_rest_and_upright_nothing_moves_an_estimate():
-    out, memory = run_estimator(EstimatorSettings(), np.zeros((20_001, 2)), np.zeros(20_000))
-    np.testing.assert_array_equal(out[:, :2], np.broadcast_to(out[0, :2], (20_001, 2)))
-    assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
-
-
-def test_what_it_has_learned_it_keeps_when_settled_to_the_last_bit_whatever_the_noise(rng):
-    run = run_with_truth(0.6, 0.3, duration=15.0)
-    measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 5e-4]
-    out, _ = run_estimator(EstimatorSettings(), measured, run.force[:-1])
-    assert len(np.unique(out[10_000:, :2], axis=0)) == 1
-    assert np.abs(np.log(out[-1, :2] / [0.6, 0.3])).max() < 0.1
-
-
-def test_the_mirror_image_has_the_same_estimates_to_the_last_bit(rng):
     x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
     states, forces = driven(rng, x, 500)
     measured = states[:, :2] + rng.standard_normal((501, 2)) * [1e-4, 5e-4]
     there, _ = run_estimator(EstimatorSettings(), measured, forces)
     mirrored, _ = run_estimator(EstimatorSettings(), -measured, -forces)
     np.testing.assert_array_equal(mirrored, there * [1, 1, -1, -1, 1])
+
+
+def test_at_rest_nothing_moves_an_estimate_and_what_is_learned_is_kept(rng):
+    out, memory = run_estimator(EstimatorSettings(), np.zeros((20_001, 2)), np.zeros(20_000))
+    np.testing.assert_array_equal(out[:, :2], np.broadcast_to(out[0, :2], (20_001, 2)))
+    assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
+    run = run_with_truth(0.6, 0.3, duration=15.0)
+    measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 5e-4]
+    out, _ = run_estimator(EstimatorSettings(), measured, run.force[:-1])
+    assert len(np.unique(out[10_000:, :2], axis=0)) == 1
+    assert np.abs(np.log(out[-1, :2] / [0.6, 0.3])).max() < 0.1
 
 
 def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
@@ -309,9 +299,6 @@ def test_the_gains_are_positive_for_every_estimate(name, mass, length):
     afl.CONTROLLERS[name].inputs_along_run(mass, length, NOMINAL.pole_mass, NOMINAL.gravity)
 
 
-# The settings
-
-
 def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     _, usual = EstimatorSettings().on(NOMINAL)
     assert usual == PlantRange((0.08, 2.5), (0.04, 1.25), 0.05, 9.81)
@@ -346,5 +333,4 @@ def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():
     found = estimator.update(memory, settings, 0.3, 0.4, 0.0, 1e-3)
     assert found == pytest.approx((1.7, 0.8))
     kept = [0.3, 0.4, 0.0, 0.0, math.log(1.7), math.log(0.8)]
-    assert memory["state"].tolist() == pytest.approx(kept)
-    assert memory["nis"] == 0.0
+    assert memory["state"].tolist() == pytest.approx(kept) and memory["nis"] == 0.0

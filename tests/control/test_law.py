@@ -26,7 +26,7 @@ def _coordinates(states, p):
     )  # fmt: skip
 
 
-def test_the_sliding_variable_is_l8(random_states, odd_parameters):
+def test_the_sliding_variable_is_l8_and_the_force_l9_and_l10_in_l1(random_states, odd_parameters):
     x1, x2, x3, x4, _, _ = _coordinates(random_states, odd_parameters)
     lam = GAINS.slope
     terms = np.array([x4, 3 * lam * x3, 3 * lam**2 * x2, lam**3 * x1])
@@ -35,9 +35,6 @@ def test_the_sliding_variable_is_l8(random_states, odd_parameters):
     assert beyond.any() and not beyond.all()  # both sides of the saturation
     rounding = 1e-14 * np.abs(terms).sum(axis=0)
     np.testing.assert_array_less(np.abs(actual - terms.sum(axis=0)), rounding)
-
-
-def test_the_force_is_l9_and_l10_put_into_l1(random_states, odd_parameters):
     p, lam = odd_parameters, GAINS.slope
     _, x2, x3, x4, alpha, beta = _coordinates(random_states, p)
     s = sliding_variable(random_states, p, GAINS)
@@ -66,22 +63,17 @@ def test_the_control_law_is_finite_up_to_the_edge_of_its_domain(side, odd_parame
     states = np.zeros((len(gap), 4))
     states[:, 1] = side * (0.5 * math.pi - gap)
     assert np.isfinite(control_force(states, odd_parameters, GAINS)).all()
+    shaped = control_force(np.zeros((2, 3, 4)), odd_parameters, GAINS)
+    assert (shaped.shape, control_force(np.zeros(4), odd_parameters, GAINS).shape) == ((2, 3), ())
 
 
 @pytest.mark.parametrize("phi", OUTSIDE, ids=str)
 @pytest.mark.parametrize("function", [control_force, sliding_variable])
-def test_outside_its_domain_the_control_law_is_an_error_that_names_the_angle(
-    function, phi, odd_parameters
-):
+def test_outside_its_domain_it_is_an_error_that_names_the_angle(function, phi, odd_parameters):
     states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
     expected = line(f"pole angle phi must lie inside (-pi/2, pi/2), got {phi:g} rad")
     with pytest.raises(ControllerDomainError, match=expected):
         function(states, odd_parameters, GAINS)
-
-
-def test_a_force_has_the_shape_of_the_states(odd_parameters):
-    assert control_force(np.zeros(4), odd_parameters, GAINS).shape == ()
-    assert control_force(np.zeros((2, 3, 4)), odd_parameters, GAINS).shape == (2, 3)
 
 
 @pytest.mark.parametrize("name", ["switching", "slope", "boundary_layer"])
@@ -106,7 +98,6 @@ def _rate(expression):
 
 
 def _split(expression):
-    """Return what does not carry u, and the factor of u."""
     drift = expression.subs(u, 0)
     factor = expression.diff(u)
     assert sp.simplify(factor.diff(u)) == 0
@@ -129,10 +120,9 @@ def test_the_code_computes_the_lie_derivatives(derived, random_states, odd_param
     p, (s0, s1, s2, s3) = odd_parameters, random_states.T
     half, gravity = p.half_length, p.gravity
     found = {
-        "xi1": fl.xi1(s0, s1, half),
-        "xi2": fl.xi2(s2, s1, s3, half),
+        "xi1": fl.xi1(s0, s1, half), "xi2": fl.xi2(s2, s1, s3, half),
         **{name: getattr(fl, name)(s1, s3, half, gravity) for name in [*derived][2:]},
-    }
+    }  # fmt: skip
     for name, actual in found.items():
         exact = sp.lambdify((STATE, length, g), derived[name], "mpmath")  # no overflow
         expected = [float(exact(state, half, gravity)) for state in random_states.tolist()]

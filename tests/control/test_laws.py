@@ -48,7 +48,7 @@ def test_what_a_controller_raises_in_a_compiled_loop_is_raised(simulate) -> None
         simulate("nominal", PythonController(name="fails", function=fails))
 
 
-def test_a_ctrl_c_while_a_compiled_loop_calls_a_controller_ends_it() -> None:
+def test_a_ctrl_c_in_a_compiled_loop_or_before_the_first_line_of_a_callback_ends_it() -> None:
     called = []
 
     def interrupted(time, state, belief):
@@ -59,9 +59,6 @@ def test_a_ctrl_c_while_a_compiled_loop_calls_a_controller_ends_it() -> None:
     with pytest.raises(KeyboardInterrupt):
         afl.simulate_ode_rk4("nominal", controller)
     assert len(called) == 1
-
-
-def test_a_ctrl_c_before_the_first_line_of_a_callback_is_not_lost() -> None:
     """The interpreter looks for one where a function begins; ctypes would print it and go on."""
     scenario = afl.SCENARIOS["nominal"]
     controller = PythonController(name="still", function=lambda t, x, b: 0.0, stateful=False)

@@ -58,34 +58,27 @@ def module(tmp_path, monkeypatch):
 
 
 SIMULATORS = {
-    "ode": afl.simulate_ode,
-    "exact": lambda *of: afl.simulate_mujoco(*of, "exact"),
+    "ode": afl.simulate_ode, "exact": lambda *of: afl.simulate_mujoco(*of, "exact"),
     "continuous": lambda *of: afl.simulate_mujoco(*of, "continuous"),
     "sampled": lambda *of: afl.simulate_mujoco(*of, "sampled", control_period=0.004),
     "RK4": lambda *of: afl.simulate_ode_rk4(*of),
     "held": lambda *of: afl.simulate_ode_held(*of, control_period=0.004),
     "only the schedule held": lambda *of: afl.simulate_ode_held(*of, holds=Holds(schedule=True)),
-}
+}  # fmt: skip
 
 
-# What a controller is given, and what it may return
-
-
-def test_a_controller_gets_time_state_and_assumed_parameters():
+def test_a_controller_gets_time_a_state_of_its_own_and_assumed_parameters():
     seen = []
-    own = controller_of(lambda time, state, p: seen.append((time, state.tolist(), p)) or 7.5)
-    assert own.command(1.25, STATE, ASSUMED) == 7.5
-    assert own.force(STATE, afl.CartPoleParameters()) == 7.5  # at the start
-    assert seen == [(t, STATE.tolist(), afl.CartPoleParameters()) for t in (1.25, 0.0)]
 
-
-def test_a_controller_that_writes_into_its_state_changes_nothing():
     def vandal(time, state, belief):
+        seen.append((time, state.tolist(), belief))
         state[:] = 0.0
-        return 1.0
+        return 7.5
 
-    mine = STATE.copy()
-    controller_of(vandal).command(0.0, mine, ASSUMED)
+    own, mine = controller_of(vandal), STATE.copy()
+    assert own.command(1.25, mine, ASSUMED) == 7.5
+    assert own.force(mine, afl.CartPoleParameters()) == 7.5  # at the start
+    assert seen == [(t, STATE.tolist(), afl.CartPoleParameters()) for t in (1.25, 0.0)]
     np.testing.assert_array_equal(mine, STATE)
 
 
@@ -93,6 +86,9 @@ def test_a_belief_stands_in_for_the_truth(odd_parameters):
     own = controller_of(lambda time, state, belief: belief.cart_mass, belief=odd_parameters)
     assert own.force(STATE, afl.CartPoleParameters()) == odd_parameters.cart_mass
     assert controller_of(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
+    astray = controller_of(lambda time, state, belief: belief.mass)
+    with pytest.raises(ControllerError, match=r"has no attribute 'mass'; belief has cart_mass, "):
+        astray.force(np.zeros(4), afl.CartPoleParameters())
 
 
 class Brief:
@@ -142,18 +138,11 @@ def test_one_number_in_any_shape_is_a_force(value):
 
 
 @pytest.mark.parametrize(("value", "said"), [
-    (None, "None"),
-    ("3", "'3'"),
-    (True, "True"),
-    (1j, "1j"),
-    ([1.0, 2.0], "an array of shape (2,)"),
-    (np.zeros((1, 2)), "an array of shape (1, 2)"),
-    (b"3", "b'3'"),
-    (np.True_, "np.True_"),
-    (np.array(["3"]), "an array of shape (1,)"),
+    (None, "None"), ("3", "'3'"), (True, "True"), (1j, "1j"),
+    ([1.0, 2.0], "an array of shape (2,)"), (np.zeros((1, 2)), "an array of shape (1, 2)"),
+    (b"3", "b'3'"), (np.True_, "np.True_"), (np.array(["3"]), "an array of shape (1,)"),
     (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
-    (Tensor(3.0, 4.0), "an array of shape (2,)"),
-    ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
+    (Tensor(3.0, 4.0), "an array of shape (2,)"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
     (Mute(), "<Mute without a text>"),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_what_is_no_number_is_answered_in_one_line(value, said):
@@ -176,23 +165,10 @@ def test_whatever_a_controller_raises_is_answered_in_one_line(raised, module):
         controller_of(raising).command(2.0, STATE, ASSUMED)
     with pytest.raises(InvalidValueError, match=f"cannot be started: {name}: {text}"):
         controller_of(type("Mine", (), {"__init__": lambda _: raising(0, 0, 0), "__call__": paper}))
+    assert math.isnan(controller_of(raising).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
     module("leaving", "raise GeneratorExit('enough')\n")
     with pytest.raises(InvalidValueError, match=r"cannot be imported: GeneratorExit: enough$"):
         afl.find_controller("leaving:force")
-
-
-def test_a_controller_that_fails_where_the_pole_lies_has_no_force_there():
-    def fallible(time, state, belief):
-        raise ValueError("too steep")
-
-    assert math.isnan(controller_of(fallible).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
-    assert math.isnan(controller_of(paper).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
-
-
-def test_an_attribute_that_a_belief_does_not_have_is_answered_with_those_it_has():
-    own = controller_of(lambda time, state, belief: belief.mass)
-    with pytest.raises(ControllerError, match=r"has no attribute 'mass'; belief has cart_mass, "):
-        own.force(np.zeros(4), afl.CartPoleParameters())
 
 
 def forever(time, state, belief):
@@ -235,36 +211,30 @@ class SlowAtFirst:
         return -60.0 * state[1]
 
 
+FORGETFUL = type("Mine", (SlowAtFirst,), {"stateless": False})
 SLOW = {
-    "a stateless instance": SlowAtFirst(),
-    "a class, in each run": type("Mine", (SlowAtFirst,), {"stateless": False}),
-    "an instance, in each run": type("Mine", (SlowAtFirst,), {"stateless": False})(),
-}
+    "a stateless instance": SlowAtFirst, "a class, in each run": lambda: FORGETFUL,
+    "an instance, in each run": FORGETFUL,
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("given", SLOW.values(), ids=list(SLOW))
-def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, given):
-    own = controller_of(given, call_limit=0.1)
+@pytest.mark.parametrize(("given", "simulator"), [
+    *(("a stateless instance", simulator) for simulator in SIMULATORS),
+    *((given, "sampled") for given in SLOW),
+])  # fmt: skip
+def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, given, simulator):
+    own = controller_of(SLOW[given](), call_limit=0.1)
     short = replace(smooth_scenario, duration=0.02)
     for _ in range(2):
-        assert SIMULATORS["sampled"](short, own).outcome.kind == "completed"
+        assert SIMULATORS[simulator](short, own).outcome.kind == "completed"
 
 
-@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_a_first_call_may_take_longer_wherever_it_is(smooth_scenario, simulate):
-    own = controller_of(SlowAtFirst(), call_limit=0.1)
-    assert simulate(replace(smooth_scenario, duration=0.02), own).outcome.kind == "completed"
-
-
-def test_a_second_call_may_not_take_as_long_as_the_first():
+def test_a_limit_is_of_later_calls_and_a_first_one_that_hangs_is_not_awaited_again():
     own = controller_of(lambda time, *_: clock.sleep(5.0 * time), call_limit=0.05)
     with pytest.raises(ControllerError, match=r"one number at t = 0\.02 s"):
         own.command(0.02, STATE, ASSUMED)
     with pytest.raises(ControllerError, match=TOO_LONG):
         own.command(1.0, STATE, ASSUMED)
-
-
-def test_a_first_call_that_hangs_is_stopped_and_not_awaited_as_long_again():
     own = PythonController(name="hanging", function=forever, call_limit=0.05, first_call_limit=0.2)
     start = clock.perf_counter()
     said = "must answer its first call within 0.2 s (--call-limit), but did not at t = 0 s"
@@ -340,18 +310,13 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
 
 
 @pytest.mark.parametrize(("given", "said"), [
-    (lambda time, state: 0.0, "must take "),
-    (3.0, "must be callable, got 3.0"),
-    (lambda: 3.0, "must be callable, got 3.0"),
-    (type("Lame", (), {}), "must be callable"),
+    (lambda time, state: 0.0, "must take "), (3.0, "must be callable, got 3.0"),
+    (lambda: 3.0, "must be callable, got 3.0"), (type("Lame", (), {}), "must be callable"),
     (type("Needy", (), {"__init__": lambda self, gain: None}), "cannot be started: TypeError"),
 ], ids=["two", "number", "makes a number", "no call", "needs an argument"])  # fmt: skip
 def test_what_makes_no_controller_is_refused_in_one_line(given, said):
     with pytest.raises(InvalidValueError, match=rf"^controller 'mine' {said}"):
         controller_of(given)
-
-
-# In the simulators
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
@@ -386,16 +351,14 @@ def test_a_controller_gets_the_time_within_a_step(smooth_scenario):
 def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, simulate):
     run = simulate(smooth_scenario, controller_of(lambda time, *_: math.nan if time > 0.3 else 0.0))
     assert run.outcome.kind == "diverged"
-    assert run.outcome.time == pytest.approx(0.3, abs=0.02)
-    assert np.isfinite(run.state).all()
+    assert run.outcome.time == pytest.approx(0.3, abs=0.02) and np.isfinite(run.state).all()
 
 
 @pytest.mark.parametrize("lost", [0.3, 0.302], ids=["at a step", "within a step"])
 def test_a_run_without_a_force_has_one_for_every_state(smooth_scenario, lost):
     own = controller_of(lambda time, *_: math.nan if time > lost + 1e-9 else 0.25)
     run = afl.simulate_ode_rk4(smooth_scenario, own, timestep=4e-3)
-    assert run.outcome.kind == "diverged"
-    assert len(run.force) == len(run.state) == len(run.time)
+    assert run.outcome.kind == "diverged" and len(run.force) == len(run.state) == len(run.time)
     np.testing.assert_array_equal(run.force, 0.25)
 
 
@@ -416,9 +379,6 @@ def test_a_controller_that_hangs_in_one_of_many_runs_is_stopped(smooth_scenario,
     own = controller_of(lambda t, *_: forever(t, None, None) if t > 0.1 else 0.0, call_limit=0.05)
     with pytest.raises(ControllerError, match=TOO_LONG):
         afl.run_rollouts([smooth_scenario] * 2, own, threads=threads)
-
-
-# Loading
 
 
 def test_a_controller_is_found_by_module_and_function_in_the_working_directory(module):
@@ -487,25 +447,6 @@ def test_a_user_s_file_does_not_hide_an_installed_module(module):
     assert afl.find_controller("own_module:f").command(0.0, STATE, ASSUMED) == 0.0
 
 
-def test_the_command_simulates_a_controller_of_one_s_own(module, tmp_path, capsys):
-    module(
-        "mine_cli",
-        "from afl_mujoco import FIXED_GAINS, control_force\n"
-        "def controller(time, state, belief): return control_force(state, belief, FIXED_GAINS)\n"
-        "def broken(time, state, belief): raise OSError('no such sensor')\n",
-    )
-    (tmp_path / "short.toml").write_text("duration = 0.5\n")
-    arguments = ["simulate", "short.toml", "--simulator", "ode", "--out", "out", "--controller"]
-    assert main([*arguments, "mine_cli:controller"]) == 0
-    assert (tmp_path / "out" / "short-mine_cli.controller-ode.npz").exists()
-    assert main([*arguments, "mine_cli:broken"]) == 2
-    said = "controller 'mine_cli.broken' raised OSError at t = 0 s: no such sensor"
-    assert capsys.readouterr().err == f"afl-mujoco: {said}\n"
-
-
-# A force that is not smooth: the step of an adaptive method shrinks without end
-
-
 def pd(state):
     z, phi, z_dot, phi_dot = state
     return 1.05 * (3.3 * z + 6.5 * z_dot - 64.0 * phi - 29.0 * phi_dot)
@@ -531,9 +472,7 @@ ROUGH = {
 
 @pytest.mark.parametrize("mode", ["ode", "exact"])
 @pytest.mark.parametrize("function", ROUGH.values(), ids=ROUGH)
-def test_a_force_that_is_not_smooth_is_refused_where_it_is_evaluated_continuously(
-    function, mode, monkeypatch
-):
+def test_a_force_that_is_not_smooth_is_refused_in_continuous_time(function, mode, monkeypatch):
     most = controllers.MOST_EVALUATIONS
     if function is not ROUGH["in_float32"]:  # of one kind all are awaited
         most //= 10
@@ -567,12 +506,7 @@ def test_what_a_controller_s_arithmetic_warns_of_is_one_line(module, tmp_path):
         assert set(said.stderr.splitlines()) == {warning}
 
 
-# Memory: fresh for each run, refused where it is undefined
-
-
 class Integrating:
-    """Counts its calls, and pushes as many newtons."""
-
     def __init__(self):
         self.count = 0
 
@@ -625,8 +559,7 @@ def test_an_instance_that_was_used_before_is_reset_in_each_run(smooth_scenario, 
     mine = {"instance": used, "method": used.__call__, "partial of an instance": partial(used)}
     scenario = replace(smooth_scenario, duration=0.01)
     run = afl.simulate_mujoco(scenario, mine[given], "sampled", control_period=0.005)
-    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0][: len(run.force[::5])]
-    assert used.count == 40
+    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0][: len(run.force[::5])] and used.count == 40
 
 
 class Locked(Integrating):
@@ -668,28 +601,39 @@ class Policy:
         return self(time, state, belief)
 
 
+def summing(time, state, belief):
+    total = 0.0
+
+    def add(x):
+        nonlocal total
+
+        def twice():
+            nonlocal total
+            total += x
+
+        twice()
+
+    for x in state:
+        add(x)
+    return total
+
+
 STATELESS = {
     "function": lambda time, state, belief: 3.0 * state[1] + time,
     "partial": partial(lambda gain, time, state, belief: gain * state[1] + time, 3.0),
-    "instance that says so": Policy(),
-    "its method": Policy().act,
-    "partial of it": partial(Policy()),
-}
+    "instance that says so": Policy(), "its method": Policy().act,
+    "partial of it": partial(Policy()), "a variable that ends with the call": summing,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("given", STATELESS.values(), ids=list(STATELESS))
-def test_what_remembers_nothing_runs_everywhere(smooth_scenario, given):
-    assert not controller_of(given).stateful
+def test_what_remembers_nothing_runs_everywhere_and_is_used_as_it_is(smooth_scenario, given):
+    own = controller_of(given)
+    assert not own.stateful
+    assert own.start().function is given or isinstance(given, partial)
     few = ("ode", "sampled") if isinstance(given, partial) else SIMULATORS
     for mode in few:
         assert SIMULATORS[mode](smooth_scenario, given).outcome.kind == "fell"
-
-
-def test_an_instance_that_says_it_is_stateless_is_used_as_it_is():
-    mine = Policy()
-    assert controller_of(mine).start().function is mine
-    own = controller_of(Integrating())
-    assert own.start().function is not own.function
 
 
 def test_a_function_of_another_kind_remembers_nothing():
@@ -754,44 +698,11 @@ WRITING = {
 
 @pytest.mark.parametrize(("given", "name"), WRITING.values(), ids=list(WRITING))
 @pytest.mark.parametrize("mode", ["ode", "exact", "continuous", "RK4"])
-def test_a_function_that_writes_what_outlives_it_is_refused_as_memory_is(
-    smooth_scenario, mode, given, name
-):
+def test_a_function_that_writes_what_outlives_it_is_refused(smooth_scenario, mode, given, name):
     end = f"(it writes {name!r}, which outlives the call: make it a class)"
     said = line("controller 'mine' is stateful, which ", ..., end)
     with pytest.raises(InvalidValueError, match=said):
         SIMULATORS[mode](smooth_scenario, controller_of(given))
-
-
-def test_a_variable_that_ends_with_the_call_is_no_memory(smooth_scenario):
-    def summing(time, state, belief):
-        total = 0.0
-
-        def add(x):
-            nonlocal total
-
-            def twice():
-                nonlocal total
-                total += x
-
-            twice()
-
-        for x in state:
-            add(x)
-        return total
-
-    assert not controller_of(summing).stateful
-    assert SIMULATORS["ode"](smooth_scenario, summing).outcome.kind == "fell"
-
-
-def test_validate_refuses_an_instance_as_it_does_its_class(module, tmp_path, capsys):
-    module("summing_mine", REMEMBERING)
-    (tmp_path / "short.toml").write_text("duration = 0.5\n")
-    for name in ("Mine", "inst", "method", "inst.__call__"):
-        arguments = ["validate", "short.toml", "--controllers", f"summing_mine:{name}"]
-        assert main([*arguments, "--no-page", "--out", "out"]) == 2
-        (said,) = capsys.readouterr().err.splitlines()
-        assert f"controller 'summing_mine.{name}' is stateful, which this comparison" in said
 
 
 REMEMBERING = """
@@ -814,12 +725,11 @@ method = inst.__call__
 
 
 @pytest.mark.parametrize(("name", "stateful", "answer"), [
-    ("Mine", True, 1.0), ("inst", True, 1.0), ("act", False, 2.0),
+    ("Mine", True, 1.0), ("inst", True, 1.0), ("method", True, 1.0), ("act", False, 2.0),
 ])  # fmt: skip
 def test_what_is_loaded_by_name_is_as_new_in_a_worker(module, name, stateful, answer):
     module("loaded_mine", REMEMBERING)
     own = afl.find_controller(f"loaded_mine:{name}")
     for one in (own, own, twin := pickle.loads(pickle.dumps(own)), twin):
-        assert one.stateful == stateful
-        assert one.start().command(0.0, STATE, ASSUMED) == answer
+        assert one.stateful == stateful and one.start().command(0.0, STATE, ASSUMED) == answer
     assert name != "Mine" or twin.describe()["function"] == "loaded_mine.Mine"

@@ -1,5 +1,3 @@
-"""Gains that are chosen at the start and kept, and a slope that follows the pole's angle."""
-
 import math
 from dataclasses import replace
 from functools import partial
@@ -22,11 +20,6 @@ SCENARIO = afl.SCENARIOS["step-trapezoid"]
 SHORT = replace(SCENARIO, duration=4.0)
 
 
-def constant_gains(mass: float, length: float) -> afl.AFLController:
-    function = afl.GainFunction.constant(HELD.gains(mass, length))
-    return afl.AFLController(name="constant", gain_function=function)
-
-
 def sampled(scenario: afl.Scenario, controller: afl.Controller) -> afl.Trajectory:
     return afl.simulate_mujoco(scenario, controller, mode="sampled")
 
@@ -40,31 +33,25 @@ def test_the_gains_are_those_of_the_table_damped() -> None:
         assert (found.switching, found.boundary_layer) == (base.switching, base.boundary_layer)
     between = HELD.gains(1.05, 0.525).slope
     ends = [HELD.gains(m, x).slope for m in (1.0, 1.1) for x in (0.5, 0.55)]
-    assert min(ends) <= between <= max(ends)
-    assert HELD.gains(5.0, 0.01) == HELD.gains(2.0, 0.05)
+    assert min(ends) <= between <= max(ends) and HELD.gains(5.0, 0.01) == HELD.gains(2.0, 0.05)
 
 
-def test_a_run_keeps_the_gains_of_its_start() -> None:
-    start = SHORT.parameters_at(0.0)
-    same = constant_gains(start.cart_mass, start.half_length)
-    for simulate in (sampled, lambda s, c: afl.simulate_ode_held(s, c, timestep=1e-3)):
-        held, kept = simulate(SHORT, HELD), simulate(SHORT, same)
+def test_a_run_keeps_the_gains_of_the_start_that_it_assumes_and_shares_them_with_no_other() -> None:
+    wrong = replace(SHORT, belief={"cart_mass": {"error": 0.5}, "half_length": {"error": -0.2}})
+    ideal = partial(afl.simulate_ode_held, timestep=1e-3)
+    for scenario, more, less, simulate in (
+        (SHORT, 1.0, 1.0, sampled),
+        (SHORT, 1.0, 1.0, ideal),
+        (wrong, 1.5, 0.8, sampled),
+    ):
+        start = scenario.parameters_at(0.0)
+        gains = HELD.gains(more * start.cart_mass, less * start.half_length)
+        function = afl.GainFunction.constant(gains)
+        same = afl.AFLController(name="constant", gain_function=function)
+        simulate(SHORT.with_schedule(cart_mass=0.1, half_length=0.05), HELD)
+        held, kept = simulate(scenario, HELD), simulate(scenario, same)
         np.testing.assert_array_equal(held.state, kept.state)
         np.testing.assert_array_equal(held.force, kept.force)
-
-
-def test_two_runs_do_not_share_their_start() -> None:
-    alone = sampled(SHORT, HELD)
-    sampled(SHORT.with_schedule(cart_mass=0.1, half_length=0.05), HELD)
-    np.testing.assert_array_equal(sampled(SHORT, HELD).state, alone.state)
-
-
-def test_the_start_is_the_one_assumed() -> None:
-    wrong = replace(SHORT, belief={"cart_mass": {"error": 0.5}, "half_length": {"error": -0.2}})
-    start = SHORT.parameters_at(0.0)
-    same = constant_gains(1.5 * start.cart_mass, 0.8 * start.half_length)
-    found = [sampled(wrong, one).state for one in (HELD, same)]
-    np.testing.assert_array_equal(*found)
 
 
 def test_the_task_has_the_same_run_and_a_new_start_in_each_episode() -> None:
@@ -81,7 +68,7 @@ def test_the_task_has_the_same_run_and_a_new_start_in_each_episode() -> None:
         np.testing.assert_array_equal(states, run.state)
 
 
-def test_without_a_start_it_is_refused() -> None:
+def test_without_a_start_it_is_refused_and_beyond_the_table_remarked_on() -> None:
     with pytest.raises(InvalidValueError, match="chooses its gains when a run starts"):
         HELD.force([0.0, 0.1, 0.0, 0.0], afl.CartPoleParameters())
     to_the_end = (partial(afl.simulate_mujoco, mode=mode) for mode in ("continuous", "exact"))
@@ -90,15 +77,6 @@ def test_without_a_start_it_is_refused() -> None:
             simulate(SHORT, HELD)
     with pytest.raises(UnknownNameError):
         afl.find_controller("adaptive-held-estimated")
-
-
-def test_a_command_that_knows_no_start_refuses_it_in_one_line(command_line) -> None:
-    code, output, errors = command_line("validate", "nominal", "--controllers", "adaptive-held")
-    assert (code, output) == (2, "")
-    assert errors.startswith("afl-mujoco: controller 'adaptive-held' ") and errors.count("\n") == 1
-
-
-def test_a_plant_beyond_the_table_is_remarked_on() -> None:
     heavy = afl.Scenario(name="heavy", schedule={"cart_mass": 3.0})
     (remark,) = HELD.remarks(heavy.plants)
     assert "M reaches 3 kg" in remark and "those of the edge" in remark
@@ -108,15 +86,12 @@ def test_a_plant_beyond_the_table_is_remarked_on() -> None:
 ANGLE, FIXED = afl.CONTROLLERS["adaptive-angle"], afl.CONTROLLERS["fixed-retuned"]
 
 
-def test_the_slope_is_large_near_upright_and_small_far_from_it():
+def test_the_slope_is_large_near_upright_and_stays_in_the_box():
     angles = np.deg2rad([0.0, 20.0, 40.0, 60.0, 80.0])
     slopes = [slope_at(angle, 0.5) for angle in angles]
     between = math.sqrt(SLOPES[0] * SLOPES[1])
     assert slopes == pytest.approx([SLOPES[0], SLOPES[0], between, SLOPES[1], SLOPES[1]])
     assert [slope_at(-angle, 0.5) for angle in angles] == slopes
-
-
-def test_the_slope_stays_in_the_box_and_falls_with_the_length():
     slopes = [slope_at(1.0, length) for length in (1e-6, 0.1, 0.5, 1.0, 1e9)]
     assert slopes == sorted(slopes, reverse=True) and slopes[1] > slopes[2] > slopes[3]
     assert (slopes[0], slopes[-1]) == (BOX[1], BOX[0])

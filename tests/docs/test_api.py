@@ -1,10 +1,7 @@
-"""The page of the API defines what it names."""
-
 import doctest
 import importlib
 import inspect
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -15,7 +12,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text()
 NAME = re.compile(r"(?<!`)`(?:[a-z_]+\.)*([A-Z]\w+|as_\w+)`(?!`)")  # of a class or a constant
 
 
-def documented() -> Iterator[tuple[str, object]]:
+def documented():
     module = ""
     for kind, name in re.findall(r"\.\. (currentmodule|auto\w+):: ([\w.]+)", PAGE):
         if kind == "currentmodule":
@@ -25,41 +22,30 @@ def documented() -> Iterator[tuple[str, object]]:
         yield last, getattr(importlib.import_module(owner or module), last)
 
 
-def docstrings(thing: object) -> Iterator[str]:
+def docstrings(thing: object):
     parts = [v for k, v in vars(thing).items() if k[0] != "_"] if inspect.isclass(thing) else []
     for one in (thing, *parts):
         if callable(one) or isinstance(one, property):
             yield inspect.getdoc(one) or ""
 
 
-def test_every_public_name_is_on_it() -> None:
+def test_every_public_name_is_on_it_and_what_raises_says_why() -> None:
     assert set(afl.__all__) - {"__version__"} - {name for name, _ in documented()} == set()
+    vague = re.compile(r"(setting|argument|value) breaks (its|a) rule")
+    assert [name for name, thing in documented() if vague.search(inspect.getdoc(thing) or "")] == []
 
 
-def test_its_examples_give_what_they_show() -> None:
+def test_its_examples_give_what_they_show_and_what_it_names_is_defined_on_it() -> None:
     pytest.importorskip("dm_control")
     finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
     for name, thing in documented():
         for example in finder.find(thing, name, module=False):
             runner.run(example)
-    assert runner.summarize(verbose=False).failed == 0
-    assert runner.tries > 25
-
-
-def test_what_raises_says_why() -> None:
-    vague = re.compile(r"(setting|argument|value) breaks (its|a) rule")
-    assert [name for name, thing in documented() if vague.search(inspect.getdoc(thing) or "")] == []
-
-
-def test_every_class_and_constant_that_it_names_is_defined_on_it() -> None:
+    assert runner.summarize(verbose=False).failed == 0 and runner.tries > 25
     pytest.importorskip("dm_control")
     found = dict(documented())
     assert len(found) > 40
-    named = {
-        (name, other)
-        for name, thing in found.items()
-        for text in docstrings(thing)
-        for other in NAME.findall(text)
-    }
+    texts = [(name, text) for name, thing in found.items() for text in docstrings(thing)]
+    named = {(name, other) for name, text in texts for other in NAME.findall(text)}
     outside = {"MjModel", "MjData", "MjSpec", "RandomState"}  # MuJoCo's and NumPy's
     assert {(n, o) for n, o in named if o not in found and o not in outside} == set()

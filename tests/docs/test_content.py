@@ -4,7 +4,6 @@ import re
 import sys
 import tomllib
 from dataclasses import replace
-from pathlib import Path
 
 import jinja2
 import pytest
@@ -18,38 +17,32 @@ MADE = CONTENT.pages()
 
 
 @pytest.mark.parametrize("page", MADE, ids=lambda page: str(page.relative_to(DOCS.parent)))
-def test_every_page_is_as_the_templates_and_results_make_it(page: Path) -> None:
+def test_every_page_is_as_the_templates_and_results_make_it(page) -> None:
     assert page.read_text(encoding="utf-8") == MADE[page], "run: make docs"
 
 
-def test_what_can_be_read_in_the_repository_asks_for_nothing() -> None:
+def test_what_can_be_read_asks_for_nothing_and_has_every_figure_that_it_shows() -> None:
     pages = {page for page in DOCS.rglob("*.md") if "_build" not in page.parts} | {README}
     there = {page for page in pages if PAGES not in page.parents}
     assert set(MADE) < there
     assert [page for page in there if "{{ " in page.read_text(encoding="utf-8")] == []
-
-
-def test_every_figure_that_a_page_shows_is_there_and_no_other() -> None:
     there = {path.stem for path in (DOCS / FIGURES).iterdir()}
     assert there == shown_in(MADE.values()), "run: make docs"
 
 
-def test_a_link_is_by_the_way_from_its_page() -> None:
+def test_links_go_by_the_way_from_their_page_and_every_number_is_in_one() -> None:
     finding = "(docs/explanation/claims.md#random-schedules)"
-    assert finding in MADE[README]
-    assert finding.replace("docs/", "") in MADE[DOCS / "index.md"]
+    assert finding in MADE[README] and finding.replace("docs/", "") in MADE[DOCS / "index.md"]
     assert "](../figures/thresholds.png)" in MADE[DOCS / "explanation" / "robustness.md"]
-
-
-def test_every_number_that_is_declared_is_in_a_page() -> None:
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
     declared = tomllib.loads((DOCS / "numbers.toml").read_text(encoding="utf-8"))
     names = {f"{group}.{name}" for group, numbers in declared.items() for name in numbers}
     assert names - set(re.findall(r"{{ (\w+\.\w+) }}", text)) == set()
     assert set(declared) == set(CONTENT.numbers), "run: make results"
+    assert all(CONTENT.numbers[source.name] for source in SOURCES if source.cheap)
 
 
-def test_every_result_of_the_pages_has_a_command() -> None:
+def test_every_result_has_a_command_and_a_failure_replaces_nothing(tmp_path, monkeypatch):
     there = {path.name for path in (DOCS / "results").iterdir() if path.suffix != ".npz"}
     assert there - {"faults.json", "mutants.json", "mutants_again.json"} == {
         source.file for source in SOURCES
@@ -58,13 +51,6 @@ def test_every_result_of_the_pages_has_a_command() -> None:
         text = (DOCS / "results" / source.file).read_text(encoding="utf-8")
         made = f"$ {source.command}\n" if source.script else f'"command": "{source.command}"'
         assert made in text, source.file
-
-
-def test_every_cheap_result_is_compared_by_a_number() -> None:
-    assert all(CONTENT.numbers[source.name] for source in SOURCES if source.cheap)
-
-
-def test_a_result_that_cannot_be_made_replaces_nothing(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(make_results, "MADE", tmp_path / "made")
     (tmp_path / "made").mkdir()
     (tmp_path / "made" / "margins.json").write_text("of an earlier run")
@@ -75,12 +61,14 @@ def test_a_result_that_cannot_be_made_replaces_nothing(tmp_path, monkeypatch) ->
     assert (tmp_path / "margins.json").read_text() == "kept"
 
 
-def test_a_number_that_nobody_declared_is_an_error() -> None:
+def test_a_number_that_nobody_declared_and_a_page_without_its_marks_are_refused() -> None:
     with pytest.raises(jinja2.UndefinedError, match="no_such_number"):
         CONTENT.render("{{ thresholds.no_such_number }}")
+    with pytest.raises(ValueError, match="must hold the marks of findings"):
+        rewrite("<!-- findings -->\nall of the rest\n", "findings", "text")
 
 
-def test_a_number_is_news_beyond_its_uncertainty() -> None:
+def test_a_number_is_news_beyond_its_uncertainty_and_rounded_to_the_safe_side() -> None:
     now = Content()
     numbers = now.numbers["thresholds"]
     delay = numbers["delay_adaptive"]
@@ -89,19 +77,8 @@ def test_a_number_is_news_beyond_its_uncertainty() -> None:
     numbers["delay_adaptive"] = replace(delay, value=delay.value / (1.0 + 1.2 * delay.within))
     (said,) = make_results.moved(CONTENT, now, ["thresholds"])
     assert said.startswith(f"thresholds.delay_adaptive was {delay}, is ")
-
-
-def test_round_off_may_be_ten_times_larger_but_not_a_billion_times() -> None:
     error = CONTENT.numbers["validate"]["b1"]
     assert not error.moved_to(replace(error, value=8.0 * error.value))
     assert error.moved_to(replace(error, value=1e9 * error.value))
-
-
-def test_a_page_without_its_marks_is_refused() -> None:
-    with pytest.raises(ValueError, match="must hold the marks of findings"):
-        rewrite("<!-- findings -->\nall of the rest\n", "findings", "text")
-
-
-def test_numbers_are_rounded_to_the_safe_side() -> None:
     assert [floor_to(x) for x in (42.99, 7.3, 0.0419)] == [42.0, 7.3, 0.041]
     assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]

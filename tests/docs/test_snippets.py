@@ -34,8 +34,7 @@ def test_what_the_readme_says_is_printed_is_printed() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     found = verdicts(readme)
     assert found["recovers within 3.5 s"] == "✓✗✓"  # lqr, adaptive, mine
-    assert len(found) == 5
-    assert verdicts(run(snippet("README.md"), ROOT)) == found
+    assert len(found) == 5 and verdicts(run(snippet("README.md"), ROOT)) == found
 
 
 def test_the_scenario_of_the_guide_is_written_and_read_again(tmp_path: Path) -> None:

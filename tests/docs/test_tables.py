@@ -1,5 +1,3 @@
-"""The tables of the pages say what the code declares."""
-
 from dataclasses import fields
 
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -9,17 +7,11 @@ from tests.docs.test_content import CONTENT
 from tests.planted_faults import load_faults
 
 
-def test_every_imperfection_and_result_file_has_a_row() -> None:
+def test_every_imperfection_result_and_fault_has_a_row_and_a_cell_may_hold_a_bar() -> None:
     found = tables()
     assert all(f"| `{one.name}` |" in found["imperfections"] for one in fields(Imperfections))
     assert all(f"`{study.stem}.json`" in found["result files"] for study in studies().values())
-
-
-def test_every_planted_fault_has_a_row() -> None:
     rows = CONTENT.table("faults")
     assert "not run" not in rows, "run: make faults"
     assert [f.name for f in load_faults() if f"| {f.name} |" not in rows.replace("\\|", "|")] == []
-
-
-def test_a_cell_may_hold_a_bar() -> None:
     assert cells_as_table(("a",), [("|x|",)]) == "| a |\n| --- |\n| \\|x\\| |\n"

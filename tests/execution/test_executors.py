@@ -3,9 +3,7 @@
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,9 +14,7 @@ from tests.execution.units import kept
 from tests.messages import line
 
 
-def computed(
-    function: Callable[[Any], Any], folder: Path, workers: int, kept: dict[int, Any] | None = None
-) -> list[Any]:
+def computed(function, folder, workers, kept=None):
     (tried := folder / "tried").mkdir(exist_ok=True)
     with open_executor(workers) as executor:
         return compute_all(function, [(tried, i) for i in range(units.COUNT)], executor, kept=kept)
@@ -80,7 +76,7 @@ def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path, worke
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_work_that_was_broken_off_goes_on_with_what_is_missing(tmp_path, workers) -> None:
-    found: dict[int, Any] = {}
+    found = {}
     with pytest.raises(InvalidValueError):
         computed(units.refused, tmp_path, workers, found)
     done = set(found)
@@ -91,12 +87,9 @@ def test_work_that_was_broken_off_goes_on_with_what_is_missing(tmp_path, workers
     assert set(units.tries(tmp_path / "tried")) == set(range(units.COUNT)) - done
 
 
-def test_a_killed_worker_loses_nothing(tmp_path: Path) -> None:
+def test_a_killed_worker_loses_nothing_and_a_unit_that_kills_all_ends_the_work(tmp_path) -> None:
     assert repr(computed(units.doomed_once, tmp_path, 2)) == repr(units.SERIAL)
     assert units.tries(tmp_path / "tried")[units.VICTIM] == 2
-
-
-def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line() -> None:
     said = line(f"worker process died {MAX_DEATHS} times", ...)
     with pytest.raises(AflMujocoError, match=said), open_executor(2) as executor:
         compute_all(units.doomed_always, range(8), executor)
@@ -130,22 +123,13 @@ def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
 NOWHERE = "tcp://127.0.0.1:1"
 
 
-@pytest.mark.parametrize("cluster", [None, NOWHERE], ids=str)
-def test_there_must_be_a_worker(cluster: str | None) -> None:
-    said = "workers must be at least 1, got 0"
-    with pytest.raises(InvalidValueError, match=said), open_executor(0, cluster):
-        pass
-
-
-@pytest.mark.parametrize("address", ["", "127.0.0.1:8786", "local"])
-def test_what_is_no_address_is_refused(address: str) -> None:
-    said = line("cluster must be ", ..., f", got '{address}'")
-    with pytest.raises(InvalidValueError, match=said), open_executor(1, address):
-        pass
-
-
-def test_without_dask_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_place_to_work_is_refused_and_without_dask_a_cluster_is_none(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    said = line(..., "needs Dask: pip install afl-mujoco[cluster]")
-    with pytest.raises(AflMujocoError, match=said), open_executor(2, NOWHERE):
-        pass
+    for workers, cluster, said in (
+        (0, None, "workers must be at least 1, got 0"),
+        (0, NOWHERE, "workers must be at least 1, got 0"),
+        *((1, x, line("cluster must be ", ..., f", got '{x}'")) for x in ("", "a.b:1", "local")),
+        (2, NOWHERE, line(..., "needs Dask: pip install afl-mujoco[cluster]")),
+    ):
+        with pytest.raises(AflMujocoError, match=said), open_executor(workers, cluster):
+            pass

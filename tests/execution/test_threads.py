@@ -1,5 +1,3 @@
-"""Work shared among threads."""
-
 import gc
 import signal
 import threading
@@ -24,10 +22,8 @@ def test_every_item_is_done_once_and_counted(threads: int, count: int) -> None:
         callers.add(threading.get_ident())
 
     share(count, [task] * threads, progress, part=7)
-    assert done == [1] * count
-    assert sum(counted) == count
-    assert max(counted, default=0) <= 7
-    assert callers <= {threading.get_ident()}
+    assert done == [1] * count and sum(counted) == count
+    assert max(counted, default=0) <= 7 and callers <= {threading.get_ident()}
 
 
 def test_a_task_does_one_part_at_a_time_and_all_tasks_are_used() -> None:

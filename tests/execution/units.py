@@ -92,7 +92,6 @@ def refused(unit: tuple[Path, int]) -> list[object]:
 
 
 def tries(folder: Path) -> Counter[int]:
-    """How many times each unit was begun, from the files of `noted`."""
     return Counter(int(path.name.split("-")[0]) for path in folder.iterdir())
 
 

@@ -1,5 +1,3 @@
-"""Short runs to film."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -16,12 +14,14 @@ FPS = 30
 def growing():
     """A pole that grows from 0.3 to 0.9 m of half-length at 0.2 s, pushed at 0.3 s; 0.5 s."""
     return afl.Scenario(
-        name="growing", disturbances=(afl.ForcePulse(force=-10.0, start=0.3, duration=0.1),),
+        name="growing",
+        disturbances=(afl.ForcePulse(force=-10.0, start=0.3, duration=0.1),),
         schedule={
             "cart_mass": afl.staircase((0.2,), (0.5, 2.0)),
             "half_length": afl.staircase((0.2,), (0.3, 0.9)),
-        }, duration=0.5,
-    )  # fmt: skip
+        },
+        duration=0.5,
+    )
 
 
 @pytest.fixture(scope="session")

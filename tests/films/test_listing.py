@@ -2,20 +2,12 @@
 
 import json
 from dataclasses import asdict
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import (
-    LISTING,
-    list_film,
-    load_listing,
-    sections,
-    unlist_films,
-)
+from afl_mujoco.films.listing import LISTING, list_film, load_listing, sections, unlist_films
 from afl_mujoco.films.video import write_video
 from afl_mujoco.report.blocks import Film
 from afl_mujoco.scenario.time_steps import Deployed
@@ -32,7 +24,7 @@ def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(t
     assert load_listing(tmp_path) == (new, film_entry("b.mp4"))
 
 
-def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path: Path) -> None:
+def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path) -> None:
     held = Deployed(control_period=0.005)
     write_listing(
         tmp_path, film_entry("a.mp4", deployment=held),
@@ -48,7 +40,7 @@ def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path: Path) -
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
 
 
-def entry(**changes: Any) -> str:
+def entry(**changes) -> str:
     return json.dumps({"schema": 1, "films": [asdict(film_entry("a.mp4")) | changes]})
 
 
@@ -68,7 +60,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD, ids=str)
-def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_path: Path) -> None:
+def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_path) -> None:
     text, message = BAD[case]
     (tmp_path / LISTING).write_text(text)
     said = line(f"{tmp_path / 'films.json'}", ..., message, ..., "run afl-mujoco render")
@@ -76,7 +68,7 @@ def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_pat
         load_listing(tmp_path)
 
 
-def test_only_films_that_were_made_here_are_removed_with_their_entries(tmp_path: Path) -> None:
+def test_only_films_that_were_made_here_are_removed_with_their_entries(tmp_path) -> None:
     frames = [np.zeros((48, 64, 3), np.uint8)] * 3
     write_video(frames, tmp_path / "a.mp4", (64, 48), 10, "a film")
     (tmp_path / "a.png").write_text("its poster")

@@ -1,7 +1,4 @@
-"""Films of any plant."""
-
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -21,20 +18,14 @@ from tests.plants.plants import SMALL, known, small
 FPS = 20
 SIZE = (640, 360)
 RUNS = {
-    "cart-pole": {
-        "initial_state": {"phi": 0.8},
-        "schedule": {"half_length": afl.staircase((0.5,), (0.3, 1.0))},
-    },
-    "quadrotor_load.py:plant": {
-        "initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
+    "cart-pole": {"initial_state": {"phi": 0.8},
+        "schedule": {"half_length": afl.staircase((0.5,), (0.3, 1.0))}},
+    "quadrotor_load.py:plant": {"initial_state": {"x": -0.6, "z": 0.3, "cable": 0.3},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.7},
-        "imperfections": afl.Imperfections(input_limit=12.0, delay=0.02),
-    },
-    "cart_double_pendulum.py:plant": {
-        "initial_state": {"cart": 0.2, "lower": 0.05},
-        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.15))},
-    },
-}
+        "imperfections": afl.Imperfections(input_limit=12.0, delay=0.02)},
+    "cart_double_pendulum.py:plant": {"initial_state": {"cart": 0.2, "lower": 0.05},
+        "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.15))}},
+}  # fmt: skip
 
 
 def scenario_of(name: str) -> afl.Scenario:
@@ -42,7 +33,6 @@ def scenario_of(name: str) -> afl.Scenario:
 
 
 def still(plant: afl.Plant) -> PythonController:
-    """Return a controller without force, under which a plant falls."""
     nothing = np.zeros(len(plant.inputs))
     return PythonController(name="still", plant=plant, function=lambda t, x, p: nothing)
 
@@ -129,7 +119,7 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
 
 
 @pytest.mark.parametrize("camera", [False, True], ids=["free", "its own"])
-def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, camera):
+def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path, camera):
     own = '<light pos="0 0 3"/><camera name="a" pos="0 -2 0" xyaxes="1 0 0 0 0 1"/>' * camera
     plant = small(tmp_path, ("<worldbody>", f"<worldbody>{own}"))
     assert SMALL.count("<camera") == 0
@@ -137,8 +127,7 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path: Path, cam
     replay = record(scenario, still(plant), Deployed(), FPS)
     with open_scene([replay], FPS, SIZE, Frame()) as scene:
         (path,) = scene.stage.paths
-        assert (path.aims is None) == camera
-        assert np.ptp(scene.draw(replay, 0, path)[0]) > 50
+        assert (path.aims is None) == camera and np.ptp(scene.draw(replay, 0, path)[0]) > 50
 
 
 SLIDER = """<mujoco><worldbody>{more}<body name="b">

@@ -36,13 +36,11 @@ def seen_at(path, index, x, z, y=0.0):
 def projected(path, index, state, half_length):
     """Return where a tip must appear [px], by the paper's geometry."""
     z, phi = state[:2]
-    return seen_at(
-        path, index, z - 2.0 * half_length * np.sin(phi), 2.0 * half_length * np.cos(phi)
-    )
+    reach = 2.0 * half_length
+    return seen_at(path, index, z - reach * np.sin(phi), reach * np.cos(phi))
 
 
 def segments(scene, replay, index, path):
-    """Return object id and type at every pixel of a frame, shape (height, width, 2)."""
     scene.draw(replay, index, path)
     scene.renderer.enable_segmentation_rendering()
     try:
@@ -104,12 +102,20 @@ def test_a_ghost_that_agrees_is_a_rim(graphics, stage, replay):
     assert (seen & plant).sum() < 0.05 * plant.sum()  # not over it, but for its smoothed edge
 
 
-def test_numbers_of_the_rail_are_where_their_places_are(graphics, stage, replay):
+def test_numbers_of_the_rail_are_in_place_and_the_cart_grows(graphics, stage, replay):
     scene, path = stage
     _, marks = scene.draw(replay, AFTER, path)
     assert len(marks) > 3
     for place, spot in marks:
         assert spot[0] == pytest.approx(seen_at(path, AFTER, place, -0.2)[0], abs=0.01 * SIZE[0])
+    scene, path = stage
+    cart = scene.stage.model.mj_model.geom("cart").id
+    widths = []
+    for index in (BEFORE, AFTER):
+        picture = segments(scene, replay, index, path)
+        mask = (picture[..., 0] == cart) & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
+        widths.append(np.ptp(np.nonzero(mask)[1]))
+    assert widths[1] / widths[0] == pytest.approx(1.25 / 0.875, rel=0.05)  # 0.5 to 2 kg
 
 
 def test_end_stops_and_limits_are_drawn_where_they_are(graphics, growing):
@@ -124,18 +130,7 @@ def test_end_stops_and_limits_are_drawn_where_they_are(graphics, growing):
         assert min(abs(x - wanted) for x in places) < 0.05
 
 
-def test_the_cart_grows_with_its_mass(graphics, stage, replay):
-    scene, path = stage
-    cart = scene.stage.model.mj_model.geom("cart").id
-    widths = []
-    for index in (BEFORE, AFTER):
-        picture = segments(scene, replay, index, path)
-        mask = (picture[..., 0] == cart) & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
-        widths.append(np.ptp(np.nonzero(mask)[1]))
-    assert widths[1] / widths[0] == pytest.approx(1.25 / 0.875, rel=0.05)  # 0.5 to 2 kg
-
-
-def test_the_arrows_point_along_the_forces(graphics, stage, replay):
+def test_the_arrows_point_along_the_forces_and_drawing_leaves_no_trace(graphics, stage, replay):
     scene, path = stage
     pushed = 10
     assert replay.channels[pushed, 0] == -10.0
@@ -146,9 +141,6 @@ def test_the_arrows_point_along_the_forces(graphics, stage, replay):
         along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in found]
         wanted = [replay.inputs[index, 0], replay.channels[index, 0]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
-
-
-def test_drawing_leaves_the_model_as_a_fresh_compile_would_have_it(graphics, stage, replay):
     scene, path = stage
     scene.draw(replay, AFTER, path)
     again, _ = scene.draw(replay, BEFORE, path)

@@ -17,8 +17,6 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.films.listing import LISTING, load_listing
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.time_steps import Deployed
 from tests.messages import line
 
@@ -65,19 +63,27 @@ def test_a_film_stops_a_second_after_every_run_has_fallen(graphics, growing, tmp
     assert entry.frames < film.length
 
 
-def test_a_film_knows_the_limits_and_how_many_requirements_are_met(growing):
-    asked = Requirements(max={"z": 0.05, "force": 500.0})
-    rail = replace(growing, requirements=asked, imperfections=Imperfections(end_stops={"z": 5.0}))
+def test_a_film_knows_its_limits_and_verdict_and_a_fallen_run_stands_still(growing):
+    asked = afl.Requirements(max={"z": 0.05, "force": 500.0})
+    stops = afl.Imperfections(end_stops={"z": 5.0})
+    rail = replace(growing, requirements=asked, imperfections=stops)
     found = record(rail, CONTROLLERS[1], Deployed(), 30)
     assert found.limits("z") == [-0.05, 0.05, -5.0, 5.0]
     assert (found.limits("force"), found.limits("phi")) == ([-500.0, 500.0], [])
-    assert np.abs(found.state[:, 0]).max() > 0.05
-    assert found.verdict == "meets 3 of 4 requirements"
+    assert np.abs(found.state[:, 0]).max() > 0.05 and found.verdict == "meets 3 of 4 requirements"
+    tipping = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0))
+    fallen = record(tipping, CONTROLLERS[0], Deployed(), 30)
+    (time, said), *_ = fallen.endings
+    after = fallen.time > time
+    assert said.startswith("MuJoCo fell")
+    assert (said in fallen.ended(0), said in fallen.ended(-1)) == (False, True)
+    assert after.sum() > 5 and not fallen.inputs[after].any()
+    assert not fallen.channels[after].any()
+    for array in (fallen.state, fallen.values):
+        assert len(np.unique(array[after], axis=0)) == 1
 
 
-def test_processes_make_the_same_films_one_of_each_run_and_one_side_by_side(
-    graphics, films, tmp_path
-):
+def test_processes_make_the_same_films_each_alone_and_side_by_side(graphics, films, tmp_path):
     one, two, counted = tmp_path / "one", tmp_path / "two", []
     for folder, workers in ((one, 1), (two, 2)):
         folder.mkdir()
@@ -95,20 +101,6 @@ def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, 
     with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
         make_films(films, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == [LISTING]
-
-
-def test_a_run_that_has_fallen_stands_still_without_forces(growing):
-    tipping = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0))
-    fallen = record(tipping, CONTROLLERS[0], Deployed(), 30)
-    (time, said), *_ = fallen.endings
-    after = fallen.time > time
-    assert said.startswith("MuJoCo fell")
-    assert (said in fallen.ended(0), said in fallen.ended(-1)) == (False, True)
-    assert after.sum() > 5
-    assert not fallen.inputs[after].any()
-    assert not fallen.channels[after].any()
-    for array in (fallen.state, fallen.values):
-        assert len(np.unique(array[after], axis=0)) == 1
 
 
 def test_an_interrupt_leaves_no_half_of_a_film(tmp_path):

@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 import tomli_w
@@ -23,15 +22,12 @@ force = 5.0
 """
 
 
-def test_units_signs_and_defaults(tmp_path: Path) -> None:
+def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_path) -> None:
     (tmp_path / "rig.toml").write_text(GOOD)
     one = load_description(tmp_path / "rig.toml")
     assert one.columns == {"time": "time", "phi": "phi", "z": "z", "command": "command"}
     assert one.angle_count == pytest.approx(0.0017453, rel=1e-4)
     assert one.nominal.gravity_term == pytest.approx(29.43)
-
-
-def test_what_is_written_reads_back(tmp_path: Path) -> None:
     one = replace(load_description(DESCRIPTION), limits={"pole-0.2": 5.0})
     (tmp_path / "again.toml").write_text(tomli_w.dumps(to_table(one)))
     assert load_description(tmp_path / "again.toml") == one
@@ -51,7 +47,7 @@ def test_what_is_written_reads_back(tmp_path: Path) -> None:
     ("[nominal]", "[nominal", "is not valid TOML"),
     ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
 ])  # fmt: skip
-def test_what_breaks_a_rule_is_named(tmp_path: Path, before: str, after: str, message: str) -> None:
+def test_what_breaks_a_rule_is_named(tmp_path, before: str, after: str, message: str) -> None:
     (tmp_path / "rig.toml").write_text(GOOD.replace(before, after))
     with pytest.raises(AflMujocoError, match=line(..., "rig.toml", ..., message, ...)):
         load_description(tmp_path / "rig.toml")

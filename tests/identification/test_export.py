@@ -1,5 +1,3 @@
-"""What is identified as a scenario and draws; runs written as logs."""
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +11,6 @@ from afl_mujoco.identification.export import TILT, draws, require_loggable, scen
 from afl_mujoco.identification.identify import identify
 from afl_mujoco.identification.log import read_log
 from afl_mujoco.identification.prediction import load_estimates
-from afl_mujoco.scenario.files import load_scenario, save_scenario
 from tests.synthetic_logs import RIG
 
 
@@ -24,12 +21,11 @@ def test_the_scenario_is_the_cart_pole_that_was_identified(tmp_path) -> None:
     assert plant.cart_mass == one.find("cart_mass").value
     assert plant.half_length == one.find("half_length").value
     assert r.at("damping.z") == one.find("rail_damping").value
-    assert r.input_limit == one.find("force").value
-    assert r.delay == one.find("delay").value
+    assert r.input_limit == one.find("force").value and r.delay == one.find("delay").value
     assert r.at("end_stops.z") == scenario.requirements.max["z"] == 0.22
     assert scenario.ranges.varied["delay"] == (one.find("delay").low, one.find("delay").high)
-    save_scenario(scenario, tmp_path / "rig.toml")
-    assert load_scenario(tmp_path / "rig.toml") == scenario
+    afl.save_scenario(scenario, tmp_path / "rig.toml")
+    assert afl.load_scenario(tmp_path / "rig.toml") == scenario
 
 
 def test_draws_scatter_as_the_estimates_do_together() -> None:
@@ -44,8 +40,7 @@ def test_draws_scatter_as_the_estimates_do_together() -> None:
     ratio = damping / force  # decay and gain are known together far better than apart
     assert ratio.std() / ratio.mean() < 0.005
     tilts = [abs(s.initial_state[1]) for s in drawn]
-    assert 0.9 * TILT < max(tilts) <= TILT
-    assert draws(one, 3, 3) == draws(one, 3, 3)
+    assert 0.9 * TILT < max(tilts) <= TILT and draws(one, 3, 3) == draws(one, 3, 3)
     assert draws(one, 3, 3) != draws(one, 3, 4)
 
 

@@ -108,16 +108,20 @@ def test_dry_friction_does_not_bias_the_masses(number: int) -> None:
 
 
 @pytest.mark.slow
-def test_logs_of_two_carts_are_told_apart() -> None:
+def test_logs_of_two_carts_and_a_command_that_does_not_drive_are_refused(logs) -> None:
     heavy = replace(TRUTH, cart_mass=1.1)
     some = [log_of(f"a{i}", swing(TRUTH, i, 3.0), TRUTH.description) for i in range(2)]
     some += [log_of(f"b{i}", swing(heavy, 9 + i, 3.0), TRUTH.description) for i in range(2)]
     with pytest.raises(AflMujocoError, match="logs must be of one cart-pole, got acceleration of"):
         identify(some, TRUTH.description, workers=2)
+    rng = np.random.default_rng(1)
+    other = [replace(log, command=rng.uniform(-1.0, 1.0, len(log.command))) for log in logs[:1]]
+    with pytest.raises(AflMujocoError, match="command must drive the cart: check its sign"):
+        identify(other, TRUTH.description)
 
 
 @pytest.mark.slow
-def test_missing_rows_do_not_mislead() -> None:
+def test_missing_rows_do_not_mislead_nor_five_hundred_rows_a_second() -> None:
     d, some = TRUTH.description, []
     for i in range(2):
         columns = swing(TRUTH, i, 3.0)
@@ -126,10 +130,6 @@ def test_missing_rows_do_not_mislead() -> None:
     found = identify(some, d, workers=2)
     assert_found(found, "gravity_term", "coupling", "gain", "decay")
     assert found.find("delay").value == pytest.approx(TRUTH.delay, abs=5e-4)
-
-
-@pytest.mark.slow
-def test_a_log_of_five_hundred_rows_a_second() -> None:
     d = replace(TRUTH.description, period=0.002)
     logs = [log_of("fast", swing(TRUTH, 0, 3.0, 0.002), d)]
     found = identify(logs, d, workers=2)
@@ -138,11 +138,3 @@ def test_a_log_of_five_hundred_rows_a_second() -> None:
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], abs=5e-4), name
     shown = beside(found, logs[0])
     assert shown is not None and shown.simulated_time.shape[1] == 51
-
-
-@pytest.mark.slow
-def test_a_command_that_does_not_drive_the_cart_is_refused(logs) -> None:
-    rng = np.random.default_rng(1)
-    other = [replace(log, command=rng.uniform(-1.0, 1.0, len(log.command))) for log in logs[:1]]
-    with pytest.raises(AflMujocoError, match="command must drive the cart: check its sign"):
-        identify(other, TRUTH.description)

@@ -5,7 +5,6 @@ from afl_mujoco.identification.least_squares import (
     Parameter,
     fit,
     fit_to_scatter,
-    fitted_starts,
     with_uncertainty_of,
 )
 
@@ -40,11 +39,13 @@ def fitted_to_scatter(data, parameters, mask=None, known=0.0):
     return fit_to_scatter(errors, mask, parameters, *own, start_scale=np.ones(1))
 
 
-def test_a_shared_rate_and_the_windows_own_amplitudes() -> None:
+def test_a_shared_rate_is_found_and_a_bound_is_met_exactly_and_has_no_interval() -> None:
     data = decays(np.random.default_rng(0), 60)
     found = fitted(data, [parameter("rate", 1.0)], np.repeat(np.arange(12), 5))
     assert found.by_name["rate"] == pytest.approx(2.0, abs=3.0 * found.errors[0])
     assert found.degrees == 11
+    found = fitted(decays(np.random.default_rng(3), 30), [parameter("rate", 1.0, high=1.5)])
+    assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
 
 
 def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
@@ -56,26 +57,18 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
     assert 0.88 <= np.mean(held) <= 0.99
 
 
-def test_a_few_wild_readings_do_not_move_the_estimate() -> None:
+def test_a_few_wild_readings_and_masked_ones_do_not_move_the_estimate() -> None:
     data = decays(np.random.default_rng(1), 60)
     data[::7, 3] += 5.0
     found = fitted_to_scatter(data, [parameter("rate", 1.0)])
     assert found.by_name["rate"] == pytest.approx(2.0, abs=0.05)
     assert found.scatter == pytest.approx([0.01], rel=0.25)
-
-
-def test_masked_readings_say_nothing() -> None:
     data = decays(np.random.default_rng(2), 40)
     mask = np.ones((40, 1, len(T)))
     mask[:, 0, 4:] = 0.0
     data[:, 4:] = 1e6
     found = fitted_to_scatter(data, [parameter("rate", 1.0)], mask)
     assert found.by_name["rate"] == pytest.approx(2.0, abs=4.0 * found.errors[0])
-
-
-def test_a_bound_is_met_exactly_and_has_no_interval() -> None:
-    found = fitted(decays(np.random.default_rng(3), 30), [parameter("rate", 1.0, high=1.5)])
-    assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
 
 
 def test_two_that_only_act_together_are_correlated() -> None:
@@ -104,9 +97,3 @@ def test_what_was_taken_as_known_widens_the_interval() -> None:
     whole = with_uncertainty_of(errors, every, second, first, start_scale=np.ones(1))
     expected = second.covariance[0, 0] + first.covariance[0, 0]
     assert whole.covariance[0, 0] == pytest.approx(expected, rel=1e-3)
-
-
-def test_starts_alone() -> None:
-    data = decays(np.random.default_rng(6), 5, noise=0.0)
-    found = fitted_starts(lambda x: x * np.exp(-2.0 * T) - data, np.ones((5, 1)), np.ones(1))
-    assert found[:, 0] == pytest.approx(data[:, 0])

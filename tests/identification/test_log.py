@@ -1,8 +1,5 @@
-"""Logs as devices write them: stamps, units, separators, what is refused; windows of a log."""
-
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,34 +21,21 @@ def columns() -> dict[str, np.ndarray]:
     return swing(TRUTH, 1, 2.0)
 
 
-def written(folder: Path, columns: dict[str, np.ndarray], header: str = "") -> Path:
+def written(folder, columns: dict[str, np.ndarray]):
     path = folder / "mine.csv"
     write_log(path, np.array([columns[name] for name in ("time", "phi", "z", "command")]))
-    if header:
-        path.write_text(path.read_text().replace("time,phi,z,command", header))
     return path
 
 
-def test_a_log_reads_as_it_was_written(tmp_path: Path, columns) -> None:
+def test_a_log_reads_as_it_was_written_and_its_stamps_are_a_regular_device_s(tmp_path, columns):
     log = read_log(written(tmp_path, columns), PLAIN)
     assert log.name == "mine" and log.missing == 0 and log.valid.all()
     assert log.z == pytest.approx(columns["z"], abs=1e-8)
     assert log.command == pytest.approx(columns["command"], abs=1e-8)
     assert np.abs(np.diff(log.angle)).max() < 1.0  # turns are counted
-
-
-def test_stamps_that_scatter_are_those_of_a_regular_device(columns) -> None:
     log = log_of("mine", columns, PLAIN)
     assert log.jitter == pytest.approx(1e-4, rel=0.3)
-    assert log.period == pytest.approx(0.02, rel=1e-4)
-    assert np.ptp(np.diff(log.time)) < 1e-12
-
-
-def test_missing_rows_are_counted_and_time_goes_on(columns) -> None:
-    kept = np.delete(np.arange(len(columns["time"])), [30, 31, 60])
-    log = log_of("mine", {name: values[kept] for name, values in columns.items()}, PLAIN)
-    assert log.missing == 3
-    assert log.time[30] - log.time[29] == pytest.approx(3.0 * log.period)
+    assert log.period == pytest.approx(0.02, rel=1e-4) and np.ptp(np.diff(log.time)) < 1e-12
 
 
 def test_stamps_that_the_readings_follow_are_kept_and_others_are_not() -> None:
@@ -78,38 +62,33 @@ def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> Non
     time = 1e4 + 0.02 * (np.arange(count) + rng.uniform(-scatter, scatter, count))
     table = {name: values[kept] for name, values in {**columns, "time": time}.items()}
     log = log_of("mine", table, PLAIN)
-    assert list(log.slots) == list(np.flatnonzero(kept))
+    assert list(log.slots) == list(np.flatnonzero(kept)) and log.missing == (~kept).sum()
+    assert np.diff(log.time) == pytest.approx(log.period * np.diff(log.slots))
 
 
-def test_units_and_signs(columns) -> None:
+def test_units_and_signs_and_that_the_shipped_recordings_are_all_there(columns) -> None:
     phi = AngleColumn(unit="deg", sign=-1, zero=2.0)
     other = replace(PLAIN, phi=phi, z=PositionColumn(unit="mm", sign=-1))
     turned = {**columns, "phi": 2.0 - np.degrees(columns["phi"]), "z": -1e3 * columns["z"]}
     here, there = log_of("a", columns, PLAIN), log_of("a", turned, other)
     assert there.angle == pytest.approx(here.angle, abs=1e-9)
     assert there.z == pytest.approx(here.z, abs=1e-12)
+    description = load_description(DESCRIPTION)
+    assert [len(read_logs([folder], description)) for folder in (FIT, CHOOSE)] == [40, 20]
+    assert sum(path.stat().st_size for path in FIT.parent.rglob("*.csv")) < 1e6
 
 
-def test_readings_grow_through_a_dead_zone_and_those_in_it_are_left_out() -> None:
+def test_readings_grow_through_a_dead_zone_and_degrees_would_be_more_than_a_turn() -> None:
     log = read_log(RECORDED, load_description(DESCRIPTION))
     assert 0.9 < log.valid.mean() < 1.0
     assert log.phi[log.valid].max() <= 0.95 and log.phi.min() >= 1.15 - 2.0 * np.pi - 1e-9
     assert np.abs(np.diff(log.angle)).max() < 0.5  # 13 rad/s and a count
-
-
-def test_degrees_of_a_sensor_with_a_dead_zone_are_more_than_a_turn() -> None:
     description = load_description(DESCRIPTION)
     table = np.genfromtxt(RECORDED, delimiter=",", names=True)
     columns = {name: table[name] for name in table.dtype.names}
     said = r"^angle must lie within a turn, 6\.283 rad \(or its unit is wrong\), got a range"
     with pytest.raises(AflMujocoError, match=said):
         log_of("mine", {**columns, "angle": np.degrees(columns["angle"])}, description)
-
-
-def test_the_shipped_recordings_are_all_there() -> None:
-    description = load_description(DESCRIPTION)
-    assert [len(read_logs([folder], description)) for folder in (FIT, CHOOSE)] == [40, 20]
-    assert sum(path.stat().st_size for path in FIT.parent.rglob("*.csv")) < 1e6
 
 
 def changed(columns, name: str, row: int, value: float) -> dict[str, np.ndarray]:
@@ -141,15 +120,8 @@ def test_another_sampling_rate_than_described(columns) -> None:
         log_of("mine", columns, replace(PLAIN, period=0.005))
 
 
-def test_a_column_that_is_missing_with_what_was_meant(tmp_path: Path, columns) -> None:
-    path = written(tmp_path, columns, "time,phi,z,comand")
-    said = "column 'command' is missing; the columns are time, phi, z, comand; did you mean"
-    with pytest.raises(AflMujocoError, match=said):
-        read_log(path, PLAIN)
-
-
 @pytest.mark.parametrize("text", ["", "time,phi,z,command\n1,2,three,4\n", "\x00\xff"])
-def test_a_file_that_is_no_log(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_no_log(tmp_path, text: str) -> None:
     path = tmp_path / "bad.csv"
     path.write_bytes(text.encode("latin-1"))
     with pytest.raises(AflMujocoError, match=r"bad\.csv"):
@@ -175,12 +147,12 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, 
     (("\n0.08,", "\n;"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas, got"),
     (("phi", "φ"), "utf-8", "the columns are time, φ, z, command (separated by commas)"),
     (("phi", "phi [°]"), "latin-1", "not UTF-8 text in line 1, but perhaps Latin-1: save it"),
+    (("command", "comand"), "utf-8",
+     "column 'command' is missing; the columns are time, phi, z, comand; did you mean comand?"),
     (("", ""), "utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
     (("time", '"time'), "utf-8", "is not a table of numbers separated by commas"),
 ], ids=lambda value: value if value in ("latin-1", "utf-16") else "")  # fmt: skip
-def test_what_is_wrong_in_a_log_names_separator_encoding_or_row(
-    tmp_path, columns, change, encoding, message
-) -> None:
+def test_what_is_wrong_in_a_log_is_named(tmp_path, columns, change, encoding, message) -> None:
     regular = {**columns, "time": 0.02 * np.arange(len(columns["time"]))}
     path = written(tmp_path, regular)
     text = path.read_text().replace(*change) if change[0] else path.read_text()
@@ -189,13 +161,7 @@ def test_what_is_wrong_in_a_log_names_separator_encoding_or_row(
         read_log(path, PLAIN)
 
 
-def test_a_file_that_is_too_large_is_not_read(tmp_path: Path, columns, monkeypatch) -> None:
-    monkeypatch.setattr(logs, "MOST_BYTES", 1000)
-    with pytest.raises(AflMujocoError, match=r"must be at most 0\.001 MB"):
-        read_log(written(tmp_path, columns), PLAIN)
-
-
-def test_folders_without_logs_and_names_that_come_twice(tmp_path: Path, columns) -> None:
+def test_files_too_large_no_logs_and_names_that_come_twice(tmp_path, columns, monkeypatch):
     (tmp_path / "empty").mkdir()
     with pytest.raises(AflMujocoError, match=r"empty must contain logs, \*\.csv"):
         read_logs([tmp_path / "empty"], PLAIN)
@@ -204,9 +170,9 @@ def test_folders_without_logs_and_names_that_come_twice(tmp_path: Path, columns)
         read_logs([path, path], PLAIN)
     with pytest.raises(AflMujocoError, match=r"none\.csv cannot be read: no such file"):
         read_logs([tmp_path / "none.csv"], PLAIN)
-
-
-TRUTH = Truth()
+    monkeypatch.setattr(logs, "MOST_BYTES", 1000)
+    with pytest.raises(AflMujocoError, match=r"must be at most 0\.001 MB"):
+        read_log(written(tmp_path, columns), PLAIN)
 
 
 @pytest.fixture(scope="module")
@@ -224,21 +190,17 @@ def test_windows_share_their_ends_and_reach_the_last_row(log) -> None:
     assert windows.some(3).count == 3
 
 
-def test_a_window_that_begins_where_the_angle_is_unknown_is_left_out(log) -> None:
+def test_a_window_begins_where_the_angle_is_known_and_close_readings_are_thinned(log) -> None:
     valid = log.valid.copy()
     valid[25:40] = False
     windows = cut([replace(log, valid=valid)], 0.5, 0.5)
-    assert list(windows.first) == [0, 50, 75, 100, 125, 150, 175]
-    assert windows.dropped == 1
-
-
-def test_of_readings_that_are_close_together_some_are_read(log) -> None:
+    assert list(windows.first) == [0, 50, 75, 100, 125, 150, 175] and windows.dropped == 1
     fine = replace(log, time=log.time / 20.0, period=log.period / 20.0)  # a kilohertz
     windows = cut([fine], 0.1, 0.1)
     assert np.diff(windows.time[0]).min() == pytest.approx(0.01, rel=1e-3)
 
 
-def test_a_lost_row_ends_a_window_and_the_next_begins_after_it() -> None:
+def test_a_lost_row_ends_a_window_and_logs_shorter_than_one_are_refused(log) -> None:
     columns = swing(TRUTH, 5)
     kept = np.delete(np.arange(200), [12, 60, 65, 130])
     log = log_of("a", {name: values[kept] for name, values in columns.items()}, TRUTH.description)
@@ -251,8 +213,5 @@ def test_a_lost_row_ends_a_window_and_the_next_begins_after_it() -> None:
     ]
     assert windows.dropped == 1  # rows 61 to 64
     assert windows.share == pytest.approx(1.0 - 11.0 / 199.0, abs=1e-3)
-
-
-def test_logs_shorter_than_a_window(log) -> None:
     with pytest.raises(AflMujocoError, match="logs must include one longer than 9 s"):
         cut([log], 9.0, 1.0, least=None)

@@ -50,9 +50,8 @@ def test_a_recorded_motion_of_the_cart_predicts_the_recorded_pole() -> None:
         read = pole.readings(values, driven.angles(values, own), windows.turns)
         return (read - windows.phi) / truth.count
 
-    starts = fitted_starts(
-        lambda own: residuals(own) / 1e3, windows.starts[:, [1, 3]], pole.START_SCALE
-    )
+    first = windows.starts[:, [1, 3]]
+    starts = fitted_starts(lambda own: residuals(own) / 1e3, first, pole.START_SCALE)
     assert np.sqrt(np.mean(residuals(starts) ** 2)) < 1.0  # counts: noise of a half, and rounding
 
 

@@ -19,30 +19,13 @@ def starts() -> prediction.Starts:
     return prediction.starts_of([log_of("a", swing(TRUTH, 8), D)], 0.3, 0.5, 0.1)
 
 
-def test_starts_are_where_they_should_be(starts) -> None:
+def test_starts_are_where_they_should_be_and_nothing_predicted_is_fitted(starts) -> None:
     w = starts.windows
-    assert starts.past == 16
-    assert np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
+    assert starts.past == 16 and np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
     rows, near = starts.rows(0.2)
     assert near.all()
     after = w.time[np.arange(w.count), rows] - w.time[:, starts.past - 1]
     assert after == pytest.approx(0.2, rel=1e-3)
-
-
-def test_the_true_model_predicts_to_the_noise_of_its_sensors(starts) -> None:
-    read, _ = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
-    near, far = prediction.errors_of(starts, read, (0.1, 0.5), VALUES, D)
-    assert near.counts_phi < 3.0 and near.counts_z < 3.0
-    assert near.explained_phi > 0.9999 and far.explained_phi > 0.99 and far.explained_z > 0.999
-    alone = prediction.predicted_by_pole(starts, VALUES, D)
-    (driven,) = prediction.errors_of(
-        starts, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
-    )
-    assert driven.counts_phi < 3.0
-    assert driven.rms_z is driven.counts_z is driven.explained_z is None
-
-
-def test_nothing_of_what_is_predicted_is_fitted(starts) -> None:
     w = starts.windows
     spoilt = replace(w, phi=w.phi.copy(), z=w.z.copy())
     spoilt.phi[:, starts.past :] += 0.5
@@ -53,7 +36,17 @@ def test_nothing_of_what_is_predicted_is_fitted(starts) -> None:
     assert np.array_equal(here, there)
 
 
-def test_errors_are_what_they_say(starts) -> None:
+def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_say(starts) -> None:
+    read, _ = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
+    near, far = prediction.errors_of(starts, read, (0.1, 0.5), VALUES, D)
+    assert near.counts_phi < 3.0 and near.counts_z < 3.0
+    assert near.explained_phi > 0.9999 and far.explained_phi > 0.99 and far.explained_z > 0.999
+    alone = prediction.predicted_by_pole(starts, VALUES, D)
+    (driven,) = prediction.errors_of(
+        starts, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
+    )
+    assert driven.counts_phi < 3.0
+    assert driven.rms_z is driven.counts_z is driven.explained_z is None
     w = starts.windows
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
     (found,) = prediction.errors_of(starts, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
@@ -66,7 +59,7 @@ def test_errors_are_what_they_say(starts) -> None:
     assert found.starts == w.count >= found.away
 
 
-def test_readings_that_say_nothing_are_not_judged(starts) -> None:
+def test_readings_that_say_nothing_are_not_judged_and_going_straight_on_is_no_model(starts) -> None:
     w = starts.windows
     valid = w.valid.copy()
     valid[::2, -1] = 0.0
@@ -75,9 +68,6 @@ def test_readings_that_say_nothing_are_not_judged(starts) -> None:
     read[::2, 1, -1] += 9.0
     (found,) = prediction.errors_of(some, read, (0.5,), VALUES, D)
     assert found.starts == w.count // 2 and found.rms_phi == 0.0
-
-
-def test_going_straight_on_is_no_model(starts) -> None:
     read, states = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
     naive = prediction.straight_on(starts, states, VALUES)
     assert naive[:, 1, starts.past - 1] == pytest.approx(read[:, 1, starts.past - 1], abs=1e-3)

@@ -25,7 +25,7 @@ def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:
         assert found[name] == pytest.approx(getattr(TRUTH, name), rel=1e-9), name
 
 
-def test_the_true_parameters_meet_the_readings(windows) -> None:
+def test_the_true_parameters_meet_the_readings_to_the_same_bits_for_any_threads(windows) -> None:
     whole = rig.Rig(windows=windows, description=TRUTH.description)
     measured = np.stack([windows.z, windows.phi], axis=1)
     counts = np.array([TRUTH.position_count, TRUTH.count])[:, None]
@@ -35,9 +35,6 @@ def test_the_true_parameters_meet_the_readings(windows) -> None:
 
     starts = fitted_starts(lambda own: residuals(own) / 1e3, windows.starts, rig.START_SCALE)
     assert np.sqrt(np.mean(residuals(starts) ** 2)) < 1.0
-
-
-def test_any_number_of_threads_gives_the_same_bits(windows) -> None:
     rigs = (rig.Rig(windows=windows, description=TRUTH.description, workers=n) for n in (1, 2))
     assert np.array_equal(*(one.readings(VALUES, windows.starts) for one in rigs))
 

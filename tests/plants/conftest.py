@@ -1,5 +1,3 @@
-"""Plants of which only a few points are asked."""
-
 import pytest
 
 from afl_mujoco.plants import equations

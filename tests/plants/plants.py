@@ -49,10 +49,7 @@ def varied(folder: Path, *changes: tuple[str, str], name: str = "small") -> str:
     return f"{name}.py:plant"
 
 
-def equations(
-    body: str, name: str = "accelerations", arguments: str = "q, v, u, p"
-) -> tuple[str, str]:
-    """Return the change that gives the small plant equations."""
+def equations(body: str, name="accelerations", arguments="q, v, u, p") -> tuple[str, str]:
     plant = "plant = afl.Plant(\n"
     return plant, f"def {name}({arguments}):\n    {body}\n\n{plant}    {name}={name},\n"
 

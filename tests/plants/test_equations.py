@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 
 import afl_mujoco as afl
-from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants import equations
 from afl_mujoco.plants.equations import Equations, Points, load_equations
 from tests.plants import plants
@@ -24,22 +23,24 @@ def points(plant: afl.Plant, count: int = 20) -> Points:
     return Points(q, v, u, np.tile(plant.nominal, (count, 1)))
 
 
-def test_compiled_and_interpreted_give_the_same() -> None:
+def test_compiled_and_interpreted_give_the_same_with_one_key_in_every_process(tmp_path) -> None:
     plant = known("cart_double_pendulum.py:plant")
     found = load_equations(plant, points(plant))
     assert found.how == "compiled"
     slow = Equations(plant, equations._interpreted(plant), "")
     np.testing.assert_allclose(found.at(points(plant)), slow.at(points(plant)), rtol=1e-12)
+    """Else nothing would be found in the cache."""
+    body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
+    plant = small(tmp_path, plants.equations(body))
+    said = [*equations._read(plant.accelerations, {})]
+    assert not any(" at 0x" in text for text in said)
 
 
-def test_what_numba_cannot_compile_is_interpreted_and_said(tmp_path: Path) -> None:
+def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, monkeypatch):
     plant = small(tmp_path, plants.equations("return {'a': [u[0], sin(q[1])]}.pop('a')"))
     found = load_equations(plant, points(plant))
     assert found.how.startswith("interpreted: ")
     np.testing.assert_allclose(found.at(points(plant))[:, 0], points(plant).u[:, 0])
-
-
-def test_compiled_code_that_gives_other_numbers_is_not_used(tmp_path, monkeypatch) -> None:
     plant = small(tmp_path, plants.equations("return u[0], q[0]"))
 
     def wrong(q, v, u, p, out):
@@ -88,14 +89,6 @@ def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None
         assert [how for _, how in said[i][:2]] == ["compiled"] * 2
 
 
-def test_the_key_of_compiled_code_is_the_same_in_every_process(tmp_path: Path) -> None:
-    """Else nothing would be found in the cache."""
-    body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
-    plant = small(tmp_path, plants.equations(body))
-    said = [*equations._read(plant.accelerations, {})]
-    assert not any(" at 0x" in text for text in said)
-
-
 def test_sympy_expressions_become_terms_that_compile() -> None:
     t = sp.Symbol("t")
     q = sp.Function("q")(t)
@@ -116,15 +109,58 @@ def test_sympy_expressions_become_terms_that_compile() -> None:
     assert result.headline.startswith("x: mass matrix, j: the inertia of body b is missing")
 
 
-@pytest.mark.parametrize(
-    ("said", "forcing"),
-    [
-        ("forcing must be linear in the inputs", lambda q, v, u: u**2),
-        ("symbol must be one of q, v, u, m, got 'k'", lambda q, v, u: u - sp.Symbol("k") * q),
-        ("expressions must have a form in Python", lambda q, v, u: u + sp.airyai(q)),
-    ],
-)
+@pytest.mark.parametrize(("said", "forcing"), [
+    ("forcing must be linear in the inputs", lambda q, v, u: u**2),
+    ("symbol must be one of q, v, u, m, got 'k'", lambda q, v, u: u - sp.Symbol("k") * q),
+    ("expressions must have a form in Python", lambda q, v, u: u + sp.airyai(q)),
+])  # fmt: skip
 def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
     q, v, u, m = sp.symbols("q v u m")
-    with pytest.raises(AflMujocoError, match=said):
+    with pytest.raises(afl.AflMujocoError, match=said):
         afl.from_sympy([[m]], [forcing(q, v, u)], [q], [v], [u], [m])
+
+
+def test_two_plants_of_one_file_have_equations_of_their_own() -> None:
+    """They differ where no point is drawn, so that only their compiled code can tell them apart."""
+
+    def free(q, v, p):
+        return ((p.m,),), (0.0,), ((1.0,),)
+
+    def walled(q, v, p):
+        return ((p.m,),), (100.0 * (q[0] - 1.5) if q[0] > 1.5 else 0.0,), ((1.0,),)
+
+    def made(of):
+        return afl.Plant(
+            name="x", coordinates=("x",), inputs=("f",), terms=lambda q, v, p: of(q, v, p),
+            model="""<mujoco><worldbody><body name="b"><joint name="x" type="slide"/>
+            <geom size=".1"/></body></worldbody>
+            <actuator><motor name="f" joint="x"/></actuator></mujoco>""",
+            parameters={"m": afl.Parameter(1.0)},
+            write=lambda p: {"body b": afl.ball(mass=p.m, radius=0.1)},
+        )  # fmt: skip
+
+    plants = [made(free), made(walled)]
+    runs = [
+        afl.simulate_ode(afl.Scenario(name="s", plant=plant, duration=3.0), lambda *_: 1.0)
+        for plant in (*plants, *reversed(plants))
+    ]
+    ends = [float(run.state[-1, 0]) for run in runs]
+    assert ends[0] == ends[3] == pytest.approx(4.5)
+    assert ends[1] == ends[2] < 1.7
+
+
+def test_what_turns_at_one_rate_only_has_velocity_terms_that_do_no_work() -> None:
+    """A mass matrix of sines and cosines that is constant: only rounding of it is left."""
+    plant = afl.Plant(
+        name="wheel", coordinates=("a",), parameters={"m": afl.Parameter(1.0, low=0.5, high=2.0)},
+        model="""<mujoco><option gravity="0 0 0"/><worldbody><body name="b">
+        <joint name="a" axis="0 1 0" stiffness="0.01"/>
+        <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody>
+        </mujoco>""",
+        write=lambda p: {"body b mass": p.m},
+        terms=lambda q, v, p: (
+            ((p.m * ((0.5 * np.cos(q[0])) ** 2 + (0.5 * np.sin(q[0])) ** 2) + 0.1,),),
+            (0.01 * q[0],), ((),),
+        ),
+    )  # fmt: skip
+    assert afl.check(plant).passed

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plants.plant import Plant
 from tests.plants.plants import known
 
 pytestmark = pytest.mark.usefixtures("interpreted")
@@ -17,8 +16,8 @@ ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 </body></worldbody></mujoco>"""
 
 
-def arm(terms, **parameters: afl.Parameter) -> Plant:
-    return Plant(
+def arm(terms, **parameters: afl.Parameter) -> afl.Plant:
+    return afl.Plant(
         name="arm", model=ARM, coordinates=("arm",), terms=terms, parameters=parameters,
         write=lambda p: {"joint arm damping": p.damping} if parameters else {},
     )  # fmt: skip
@@ -38,6 +37,31 @@ def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None
     assert "equations and MJCF differ by up to" in result.headline
 
 
+def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> None:
+    """Nothing of the body varies: its armature could be its inertia, or its mass."""
+    text = ARM.replace('damping="0.1"', 'damping="0.1" armature="0.7"')
+
+    def terms(q, v, p):
+        return ((2.0,),), (9.81 * np.sin(q[0]) + p.damping * v[0],), ((),)
+
+    damping = afl.Parameter(0.1, low=0.05, high=0.3)
+    said = afl.check(replace(arm(terms, damping=damping), model=text), 50).headline
+    first, *others = said.removeprefix("arm: mass matrix, arm: ").split(", or ")
+    assert first == "armature of arm is 0 in the equations and 0.7 in MuJoCo"
+    assert others[0] == "the inertia of body arm is 0.3 times MuJoCo's in the equations"
+    assert others[-1].endswith(" in the equations (parameters that vary would tell)?")
+
+
+def test_an_armature_that_is_written_and_forgotten_is_named() -> None:
+    def terms(q, v, p):
+        return ((2.0,),), (9.81 * np.sin(q[0]) + 0.1 * v[0],), ((),)
+
+    rolling = afl.Parameter(0.5, low=0.2, high=0.9)
+    plant = replace(arm(terms, mass=rolling), write=lambda p: {"joint arm armature": 0.4 * p.mass})
+    said = "arm: mass matrix, arm: the armature of arm is missing in the equations?"
+    assert afl.check(plant, 50).headline == said
+
+
 def test_no_body_has_a_negative_inertia() -> None:
     """As accelerations, motors that push the other way are its like."""
     plant = known("quadrotor_load.py:plant")
@@ -51,13 +75,10 @@ def test_no_body_has_a_negative_inertia() -> None:
     assert "inputs left and right are exchanged" in afl.check(turned, 50).headline
 
 
-@pytest.mark.parametrize(
-    ("factors", "said"),
-    [
-        ((1.0, -1.0, 1.0), "the bias has the other sign in the equations"),
-        ((2.0, 2.0, 2.0), "every term is doubled in the equations"),
-    ],
-)
+@pytest.mark.parametrize(("factors", "said"), [
+    ((1.0, -1.0, 1.0), "the bias has the other sign in the equations"),
+    ((2.0, 2.0, 2.0), "every term is doubled in the equations"),
+])  # fmt: skip
 def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
     plant = known("quadrotor_load.py:plant")
 
@@ -67,13 +88,11 @@ def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
     assert said in afl.check(replace(plant, terms=terms), 50).headline
 
 
-def test_a_small_share_is_said_to_be_small() -> None:
+def test_a_small_share_is_said_to_be_small_and_a_parameter_has_no_value_of_its_own() -> None:
     g = 9.81 * (1.0 + 1e-7)
     own = arm(lambda q, v, p: (((2.0,),), (g * math.sin(q[0]) + 0.1 * v[0],), ((),)))
     assert "gravity is 1 + 1e-07 times MuJoCo's" in afl.check(own, 50).headline
 
-
-def test_what_is_a_parameter_has_no_value_of_its_own_in_mujoco() -> None:
     def terms(q, v, p):
         return ((2.0,),), (9.81 * math.sin(q[0]) + (p.damping + 0.2) * v[0],), ((),)
 

@@ -1,7 +1,6 @@
 """The tree reference against SymPy's derivations, MuJoCo, and finite differences."""
 
 from pathlib import Path
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -40,7 +39,7 @@ def made(xml: str) -> PlantModel:
     return PlantModel(plant, compared=True)
 
 
-def test_terms_are_mujocos_in_any_frame() -> None:
+def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
     model, rng = made(SPATIAL), np.random.default_rng(0)
     tree = Tree(**model.tree(np.empty(0)))
     for _ in range(100):
@@ -48,9 +47,6 @@ def test_terms_are_mujocos_in_any_frame() -> None:
         engine, own = model.at(q, v, u), terms_of(tree, q, v)
         for its, mine in zip(engine[:3], own[:3], strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())
-
-
-def test_terms_of_a_plant_far_from_the_origin_are_those_at_it() -> None:
     near = Tree(**made(SPATIAL).tree(np.empty(0)))
     far = Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0)))
     rng = np.random.default_rng(0)
@@ -104,16 +100,14 @@ def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() 
     np.testing.assert_allclose(terms_of(tree, q, v).mass, expected, rtol=0, atol=1e-6)
 
 
-# Lagrangians written down from the drawings, and what SymPy makes of them
-
 T = sp.Symbol("t")
 
 
-def dynamic(names: str) -> list[Any]:
+def dynamic(names: str):
     return [sp.Function(name)(T) for name in names.split()]
 
 
-def derived(kinetic: Any, potential: Any, q: list[Any], work: list[Any], u: list[Any]) -> Any:
+def derived(kinetic, potential, q, work, u):
     """M and forcing of Lagrange's equations; work: generalised forces of inputs and damping."""
     v = [x.diff(T) for x in q]
     lagrangian = kinetic - potential
@@ -126,11 +120,10 @@ def derived(kinetic: Any, potential: Any, q: list[Any], work: list[Any], u: list
     return mass, -sp.Matrix(equations).subs(dict.fromkeys(a, 0)), v
 
 
-def cart_double_pendulum() -> Any:
+def cart_double_pendulum():
     z, a, b = q = dynamic("z a b")
-    f, *p = sp.symbols(
-        "f cart_mass lower_mass upper_mass lower_length upper_length payload gravity"
-    )
+    names = "f cart_mass lower_mass upper_mass lower_length upper_length payload gravity"
+    f, *p = sp.symbols(names)
     mc, m1, m2, r, s, m3, g = p
     up, out = lambda d, t: d * sp.cos(t), lambda d, t: -d * sp.sin(t)
     points = {
@@ -146,7 +139,7 @@ def cart_double_pendulum() -> Any:
     return derived(kinetic + spin / 2, potential, q, [f - z.diff(T) / 10, 0, 0], [f]), q, [f], p
 
 
-def quadrotor_load() -> Any:
+def quadrotor_load():
     x, z, pitch, a = q = dynamic("x z pitch a")
     left, right, *p = sp.symbols("left right mass inertia load length gravity")
     m, i, ml, r, g = p
@@ -159,7 +152,7 @@ def quadrotor_load() -> Any:
     return derived(kinetic, m * g * z + ml * g * at[1], q, work, [left, right]), q, [left, right], p
 
 
-def furuta() -> Any:
+def furuta():
     arm, pole = q = dynamic("arm pole")
     u, *p = sp.symbols("u pole_mass pole_length")
     m, r = p
@@ -181,14 +174,19 @@ FURUTA = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <actuator><motor name="u" joint="arm"/></actuator></mujoco>"""
 
 
-def furuta_plant(**equations: Any) -> Plant:
+def furuta_plant(**equations) -> Plant:
     return Plant(
-        name="furuta", model=FURUTA, coordinates=("arm", "pole"), inputs=("u",),
-        parameters={"pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
-                    "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5)},
+        name="furuta",
+        model=FURUTA,
+        coordinates=("arm", "pole"),
+        inputs=("u",),
+        parameters={
+            "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
+            "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
+        },
         write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
         **equations,
-    )  # fmt: skip
+    )
 
 
 DERIVED = {

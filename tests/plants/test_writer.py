@@ -8,21 +8,21 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError
+import afl_mujoco as afl
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.library import write_row
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import NAMES, SMALL, known, small, varied
 
 
-def drawn(plant: Plant, count: int) -> np.ndarray:
+def drawn(plant: afl.Plant, count: int) -> np.ndarray:
     low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
     return np.random.default_rng(0).uniform(low, high, (count, len(low)))
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_in_place_equals_afresh_number_for_number(name: str) -> None:
+def test_in_place_equals_afresh_and_rows_from_arrays_are_those_made_one_by_one(name) -> None:
     plant = known(name)
     model = PlantModel(plant)
     rows = model.rows(drawn(plant, 100))
@@ -32,10 +32,6 @@ def test_in_place_equals_afresh_number_for_number(name: str) -> None:
         model.write(row)
         assert model.differing(row) == {}
     assert np.all(model.mj_data.qpos == 0.3)  # mj_setConst has its own data
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_rows_from_arrays_are_those_made_one_by_one(name: str) -> None:
     model, p = PlantModel(known(name)), drawn(known(name), 7)
     one_by_one = [model.rows(row)[0] for row in p]
     np.testing.assert_allclose(model.rows(p), one_by_one, rtol=1e-12)
@@ -46,16 +42,12 @@ SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
 JOINT = '<joint name="arm" axis="0 1 0"/>'
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
-        (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
-        (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
-        (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'),
-        (JOINT, f"<frame>{SLIDE}</frame>"),
-    ],
-)
+@pytest.mark.parametrize("change", [
+    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
+    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
+    (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
+    (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'), (JOINT, f"<frame>{SLIDE}</frame>"),
+])  # fmt: skip
 def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> None:
     weak = '<default class="weak"><joint type="slide"/><motor ctrlrange="-1 1"/></default>'
     plant = small(tmp_path, change, ("<worldbody>", f"<default>{weak}</default><worldbody>"))
@@ -69,8 +61,7 @@ def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> N
 LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
 
 
-def included(folder, deep: int, old: str, new: str) -> Plant:
-    """The small plant with an element in another file, `deep` files away."""
+def included(folder, deep: int, old: str, new: str) -> afl.Plant:
     for i in range(deep):
         (folder / f"{i}.xml").write_text(f"<mujoco>{new}</mujoco>")
         new = f'<include file="{i}.xml"/>'
@@ -87,30 +78,23 @@ def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
     assert plant.units["torque"] == "N"
 
 
-@pytest.mark.parametrize(
-    ("change", "refused"),
-    [
-        ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
-        ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
-    ],
-)
+@pytest.mark.parametrize(("change", "refused"), [
+    ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange is not seen"),
+    ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
+])  # fmt: skip
 def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, tmp_path) -> None:
-    with pytest.raises(AflMujocoError, match=refused):
+    with pytest.raises(afl.AflMujocoError, match=refused):
         PlantModel(included(tmp_path, 2, *change))  # the compiler reads a file of a file
 
 
-@pytest.mark.parametrize(
-    "line",
-    [
-        "p.length = max(p.length, 0.3)",
-        "length = max(p.length, 0.3)",
-        "length = 0.3 if p.length < 0.3 else p.length",
-    ],
-)
+@pytest.mark.parametrize("line", [
+    "p.length = max(p.length, 0.3)", "length = max(p.length, 0.3)",
+    "length = 0.3 if p.length < 0.3 else p.length",
+])  # fmt: skip
 def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) -> None:
     change = ("    return {", f"    {line}\n    return {{"), ("length=p.length)", "length=length)")
     if line.startswith("p."):
-        with pytest.raises(AflMujocoError, match="write must not change p"):
+        with pytest.raises(afl.AflMujocoError, match="write must not change p"):
             plant = small(tmp_path, *change[:1])
             PlantModel(plant).rows(drawn(plant, 50))
         return
@@ -120,15 +104,12 @@ def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) 
     np.testing.assert_array_equal(center, np.maximum(p[:, 1], 0.3) / 2)
 
 
-def test_a_write_that_sums_over_its_arrays_is_not_believed(tmp_path) -> None:
+def test_a_write_that_sums_over_arrays_is_not_believed_and_order_is_no_matter(tmp_path) -> None:
     sums = ("p.length / 2,", "float(__import__('numpy').sum(p.length)) / 2,")
     plant = small(tmp_path, sums)
     model, p = PlantModel(plant), drawn(plant, 5)
     half = model.rows(p)[:, [str(x) for x in model.targets].index("geom arm size 1")]
     np.testing.assert_array_equal(half, p[:, 1] / 2)
-
-
-def test_the_order_of_what_is_written_is_no_matter(tmp_path) -> None:
     last = '"geom arm pos 2": p.length / 2}'
     turned = last + ".items(), reverse=bool(p.length > 0.4)))"
     plant = small(tmp_path, ("    return {", "    return dict(sorted({"), (last, turned))
@@ -181,12 +162,12 @@ def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path
     if mass == "0":
         PlantModel(plant)
         return
-    with pytest.raises(AflMujocoError, match="a geom that has its mass"):
+    with pytest.raises(afl.AflMujocoError, match="a geom that has its mass"):
         PlantModel(plant)
 
 
 def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
-    with pytest.raises(AflMujocoError, match="p has mass, length; did you mean length"):
+    with pytest.raises(afl.AflMujocoError, match="p has mass, length; did you mean length"):
         PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
 
 
@@ -194,5 +175,33 @@ def test_a_plant_made_of_a_loaded_one_is_not_taken_for_it_elsewhere(tmp_path) ->
     loaded = load_plant(varied(tmp_path), tmp_path)
     assert pickle.loads(pickle.dumps(loaded)).name == "small"
     for one in (loaded, cart_pole):
-        with pytest.raises(InvalidValueError, match="must be loaded from a file"):
+        with pytest.raises(afl.AflMujocoError, match="must be loaded from a file"):
             pickle.dumps(replace(one, ends_at={}))
+
+
+TIP = '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>'
+
+
+@pytest.mark.parametrize(("inertial", "written"), [
+    (TIP, '"body tip inertia 1": 0.12'),
+    (TIP.replace("diaginertia", "fullinertia").replace('.1"/', '.1 .01 0 0"/'),
+     '"body tip mass": p.mass'),
+], ids=["one axis", "products"])  # fmt: skip
+def test_the_rest_of_an_inertia_is_that_of_the_mjcf(inertial, written, tmp_path) -> None:
+    plant = small(tmp_path, (TIP, inertial), ("    return {", f"    return {{{written}, "))
+    model = PlantModel(plant)
+    for row in model.rows(drawn(plant, 5)):
+        model.write(row)
+        assert model.differing(row) == {}
+
+
+def test_masses_of_geoms_may_be_asked_for_where_none_is_written(tmp_path) -> None:
+    asked = ('<compiler angle="radian"/>', '<compiler angle="radian" inertiafromgeom="true"/>')
+    text = SMALL.replace(*asked)
+    start, middle, end = (text.index(x) for x in ("def write(p)", "plant = afl.Plant", '"mass": '))
+    own = 'def write(p):\n    return {"option gravity 2": -p.length}\n\n\n'
+    last = text.index('"length": ', end)
+    (tmp_path / "geoms.py").write_text(text[:start] + own + text[middle:end] + text[last:])
+    assert PlantModel(load_plant("geoms.py:plant", tmp_path)).targets
+    with pytest.raises(afl.AflMujocoError, match="masses that are written would be ignored"):
+        PlantModel(small(tmp_path, asked))

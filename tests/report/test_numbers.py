@@ -1,5 +1,3 @@
-"""Numbers as a person would write them."""
-
 import math
 
 import pytest

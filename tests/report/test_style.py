@@ -1,9 +1,6 @@
-"""Figures are written whole, in one style, and are the same bytes each time."""
-
-from pathlib import Path
+import re
 
 import pytest
-from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 from afl_mujoco.control.names import NAMES
@@ -12,7 +9,7 @@ from afl_mujoco.report.style import CONTROLLERS, colours, lay_out, new_figure, s
 
 
 @styled()
-def a_figure() -> Figure:
+def a_figure():
     figure = new_figure(3.0, 2.0)
     axis = figure.subplots()
     axis.semilogy([0.0, 1.0], [1e-3, 1.0])
@@ -29,23 +26,15 @@ def test_no_two_controllers_of_a_figure_share_a_colour() -> None:
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])
-def test_the_same_figure_is_the_same_bytes(tmp_path: Path, suffix: str) -> None:
+def test_the_same_figure_is_the_same_bytes_without_a_date_or_a_font(tmp_path, suffix: str) -> None:
     for name in ("one", "two"):
         save_figure(a_figure(), tmp_path / f"{name}.{suffix}")
     one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
-    assert one == two
-    assert len(list(tmp_path.iterdir())) == 2
+    assert one == two and len(list(tmp_path.iterdir())) == 2
+    assert suffix == "png" or not re.search(rb"dc:date|<text|font-family", one)
 
 
-def test_an_svg_has_no_date_and_needs_no_font(tmp_path: Path) -> None:
-    save_figure(a_figure(), tmp_path / "figure.svg")
-    text = (tmp_path / "figure.svg").read_text(encoding="utf-8")
-    assert "dc:date" not in text
-    assert "<text" not in text
-    assert "font-family" not in text
-
-
-def test_another_suffix_is_refused_by_name(tmp_path: Path) -> None:
+def test_another_suffix_is_refused_by_name(tmp_path) -> None:
     with pytest.raises(InvalidValueError, match=r"suffix of a figure must be \.png or \.svg"):
         save_figure(a_figure(), tmp_path / "figure.pdf")
     assert list(tmp_path.iterdir()) == []
@@ -56,7 +45,7 @@ AWKWARD = r"a$\frac$b"
 
 
 @pytest.mark.parametrize("place", ["title", "legend", "ticks", "categories", "note"])
-def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path: Path, place: str) -> None:
+def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path, place: str) -> None:
     with styled():
         figure = new_figure(3.0, 2.0)
         axis = figure.subplots()
@@ -72,6 +61,5 @@ def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path: Path, plac
     save_figure(figure, tmp_path / "saved.png")
     lay_out(figure)
     drawn = figure.findobj(lambda one: isinstance(one, Text) and one.get_text() == AWKWARD)
-    assert drawn
-    assert not any(text.get_parse_math() for text in drawn)
+    assert drawn and not any(text.get_parse_math() for text in drawn)
     assert "10⁻³" in [text.get_text() for text in axis.get_yticklabels()]

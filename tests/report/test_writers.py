@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import pytest
 
@@ -40,41 +39,28 @@ MOVING = {"duration": 1.5, "runs": [{"controller": NASTY, "colour": "#000000"}]}
 REPLAY = blocks.Replay(name="a-run", title="A run", compute=lambda: MOVING)
 LINE = blocks.Figure(name="a-line", title="A line", caption="It rises.", draw=draw)
 BLOCKS: tuple[blocks.Block, ...] = (
-    "It holds with `--quick` and *without*, see [there](#part).",
-    f"Given: {plain(NASTY)}",
-    "- **mass** 1 kg",
-    matrix(),
-    blocks.Section("Part", "part", (matrix("All rows"), LINE)),
+    "It holds with `--quick` and *without*, see [there](#part).", f"Given: {plain(NASTY)}",
+    "- **mass** 1 kg", matrix(), blocks.Section("Part", "part", (matrix("All rows"), LINE)),
     blocks.Section("Behind", "behind", ("in the depth", REPLAY), folded=True),
     "```sh\nafl-mujoco study 'my file.toml'\n```",
-)
+)  # fmt: skip
 REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=False, blocks=BLOCKS)
 
 
-def html(folder: Path, *others: blocks.Report) -> str:
+def html(folder, *others: blocks.Report) -> str:
     parts = [Part(one, f"study{k or ''}", [folder]) for k, one in enumerate((REPORT, *others))]
-    return to_html(
-        "Reports", parts, [blocks.Section("Reproduce", "reproduce", ("the command",))], folder
-    )
-
-
-@pytest.fixture
-def page(tmp_path: Path) -> str:
-    for figure in blocks.figures_of(BLOCKS):
-        write_figure(figure, tmp_path)
-    (tmp_path / "a-run.replay.json").write_text(json.dumps(MOVING), encoding="utf-8")
-    return html(tmp_path)
+    last = blocks.Section("Reproduce", "reproduce", ("the command",))
+    return to_html("Reports", parts, [last], folder)
 
 
 WRITERS = {
-    "terminal": lambda folder: to_text(BLOCKS),
-    "Markdown": lambda folder: to_markdown(BLOCKS),
+    "terminal": lambda folder: to_text(BLOCKS), "Markdown": lambda folder: to_markdown(BLOCKS),
     "HTML": lambda folder: re.sub(r"<[^>]*>", "", html(folder)),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_every_writer_says_texts_cells_and_commands(writer: str, tmp_path: Path) -> None:
+def test_every_writer_says_texts_cells_and_commands(writer: str, tmp_path) -> None:
     said = WRITERS[writer](tmp_path)
     words = "Part|--quick|without|How far each goes|distance|−2|stays|falls|rests|unclear|mass|1 kg"
     for text in f"{words}|there|afl-mujoco study".split("|"):
@@ -82,16 +68,13 @@ def test_every_writer_says_texts_cells_and_commands(writer: str, tmp_path: Path)
     assert "`--quick`" in said or writer != "Markdown"
 
 
-def test_a_terminal_marks_a_status_without_colour_and_prints_names_as_they_are(capsys) -> None:
+def test_a_terminal_marks_a_status_without_colour_and_a_row_has_the_columns_length(capsys) -> None:
     said = to_text(BLOCKS)
     assert "✗ falls" in said and "◐ rests" in said and NASTY in said
     assert said.count("first") == 1  # the folded matrix is left out
     assert "in the depth" not in said and "A run" not in said and "#part" not in said
     print_report(REPORT)
     assert capsys.readouterr().out.splitlines()[-1] == f"FAIL: 1 of 3 fails {NASTY}"
-
-
-def test_a_row_of_another_length_is_refused() -> None:
     with pytest.raises(ValueError, match="every row of 't' must have 2 cells"):
         to_text([blocks.Matrix(caption="t", columns=("a", "b"), rows=(("x",),))])
 
@@ -107,7 +90,11 @@ def test_markdown_escapes_what_would_be_markup() -> None:
     assert (code("a"), code("`a`")) == ("`a`", "`` `a` ``")
 
 
-def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> None:
+def test_a_page_holds_all_it_needs_and_what_it_is_given_escaped_without_script(tmp_path) -> None:
+    for figure in blocks.figures_of(BLOCKS):
+        write_figure(figure, tmp_path)
+    (tmp_path / "a-run.replay.json").write_text(json.dumps(MOVING), encoding="utf-8")
+    page = html(tmp_path)
     assert "<script>alert" not in page and "&lt;script&gt;alert(1)" in page
     assert '<img src="data:image/svg+xml;base64,' in page
     assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', page) == []
@@ -118,11 +105,7 @@ def test_a_page_holds_all_it_needs_and_escapes_what_it_is_given(page: str) -> No
     assert "<em>without</em>" in page and "<code>--quick</code>" in page
     assert '<details class="folded" id="behind">' in page
     assert '<script type="application/json" id="a-run-rows">' in page and 'max="1.5"' in page
-    assert "A run: the replay needs JavaScript." in page
-    assert "<title>FAIL: Study</title>" in page
-
-
-def test_markdown_in_a_page_has_no_html_and_no_script(tmp_path: Path) -> None:
+    assert "A run: the replay needs JavaScript." in page and "<title>FAIL: Study</title>" in page
     evil = "<img src=x onerror=alert(1)> [x](javascript:alert(1)) ![y](https://elsewhere/y.png)"
     said = html(tmp_path, blocks.Report(title="b", headline="c", blocks=(evil,)))
     assert "<img src=x" not in said and 'href="javascript' not in said
@@ -137,27 +120,22 @@ def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(t
     assert "The figure “A line” is missing" in said and "The replay “A run” is missing" in said
 
 
+NAMES = "step-step", "a-very-long-name-of-a-scenario"
+PAIRS = [(s, c) for s in NAMES for c in ("adaptive", "lqr")]
 WIDE = blocks.Matrix(
     caption="Wide",
     columns=("Scenario", "Controller", "Outcome", *(f"B{k}" for k in range(8))),
-    rows=[
-        (scenario, controller, "fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8)))
-        for scenario in ("step-step", "a-very-long-name-of-a-scenario")
-        for controller in ("adaptive", "lqr")
-    ],
+    rows=[(*pair, "fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8))) for pair in PAIRS],
 )
 
 
 @pytest.mark.parametrize("width", [80, 104, 300])
-def test_a_table_that_is_too_wide_goes_on_below_with_no_column_lost_and_no_number_broken(
-    width, monkeypatch
-) -> None:
+def test_a_table_that_is_too_wide_goes_on_below_with_nothing_lost_or_broken(width, monkeypatch):
     monkeypatch.setattr(terminal_module, "WIDTH", width)
     text = to_text([WIDE])
     assert max(map(len, text.splitlines())) <= width
     assert all(column in text for column in WIDE.columns)
-    assert all(text.count(f"{k}.0×10⁻¹²") == 4 for k in range(8))
-    assert text.count("fell at") == 4
+    assert all(text.count(f"{k}.0×10⁻¹²") == 4 for k in range(8)) and text.count("fell at") == 4
     parts = text.count("Scenario")
     assert (parts > 1) == (width < 150)
     assert text.count("lqr") == 2 * parts  # what names a row stands in every part

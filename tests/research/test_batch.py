@@ -79,8 +79,7 @@ def test_the_tolerance_controls_the_error_over_the_whole_box() -> None:
         np.abs(of(closed_loop_terms(gains, plants, tolerance=t)) / exact - 1).max()
         for t in (1e-4, 1e-5, 2e-6)
     ]
-    assert worst == sorted(worst, reverse=True)
-    assert worst[-1] < OBJECTIVE_LIMIT
+    assert worst == sorted(worst, reverse=True) and worst[-1] < OBJECTIVE_LIMIT
 
 
 @pytest.mark.parametrize("duration", [0.3, 5.0, 20.0])
@@ -90,16 +89,7 @@ def test_a_loop_does_not_depend_on_its_neighbours(duration: float) -> None:
     together = closed_loop_terms(gains, plants, **settings)
     for k in (0, LANES, 3 * LANES + 4):
         alone = closed_loop_terms(gains[k : k + 1], plants[k : k + 1], **settings)
-        assert alone.iae_z[0] == together.iae_z[k]
-        assert alone.max_force[0] == together.max_force[k]
-
-
-def test_the_motion_does_not_depend_on_the_cart_s_mass() -> None:
-    gains, plants = drawn(50, seed=5)
-    heavier = plants * (3.0, 1.0)
-    light, heavy = (closed_loop_terms(gains, p) for p in (plants, heavier))
-    np.testing.assert_array_equal(light.iae_z, heavy.iae_z)
-    assert (heavy.max_force > light.max_force).all()
+        assert alone.iae_z[0] == together.iae_z[k] and alone.max_force[0] == together.max_force[k]
 
 
 def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
@@ -108,8 +98,7 @@ def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
     start = (5.0, 1.5, 10.0, 5.0)
     terms = closed_loop_terms(gains, (1.0, 1.0), initial_state=start)
     costs = penalised_objective(terms, SCALES, 20.0)
-    assert np.isfinite(costs).all()
-    assert 20 < terms.lost.sum() < 195
+    assert np.isfinite(costs).all() and 20 < terms.lost.sum() < 195
     assert costs[terms.lost].min() >= PENALTY > costs[~terms.lost].max()
     ended, order = terms.end_time[terms.lost], np.argsort(costs[terms.lost])
     assert (np.diff(ended[order]) <= 0.0).all()
@@ -121,8 +110,7 @@ def test_the_fall_is_that_of_the_readable_path() -> None:
     controller = afl.AFLController(name="weak", gain_function=afl.GainFunction.constant(gains))
     run = afl.simulate_ode(afl.Scenario(name="falls", initial_state=start), controller)
     terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
-    assert run.outcome.kind == "fell"
-    assert terms.lost[0]
+    assert run.outcome.kind == "fell" and terms.lost[0]
     assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=1e-3)  # one step
 
 

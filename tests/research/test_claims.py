@@ -48,14 +48,12 @@ def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
     found = claims.compare(fixed, adaptive)
     assert (found.schedules, found.share) == (5, 0.4)
     assert found.interval == pytest.approx((0.0527, 0.8534), abs=1e-4)  # Clopper-Pearson, 2 of 5
-    assert found.quantiles["median"] == 0.0
-    assert found.quantiles["least"] is None
+    assert found.quantiles["median"] == 0.0 and found.quantiles["least"] is None
 
 
-@pytest.mark.parametrize(
-    ("wins", "expected"),
-    [(96, verdicts.REPRODUCED), (70, verdicts.IN_PART), (52, verdicts.NOT_REPRODUCED)],
-)
+@pytest.mark.parametrize(("wins", "expected"), [
+    (96, verdicts.REPRODUCED), (70, verdicts.IN_PART), (52, verdicts.NOT_REPRODUCED),
+])  # fmt: skip
 def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
     rows = np.array([[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)])
     assert claims.schedules_claim(rows)[0].verdict == expected
@@ -73,19 +71,14 @@ def test_the_objectives_on_random_schedules_are_those_of_the_ode() -> None:
             assert found == pytest.approx(exact, rel=1e-4)
 
 
-def test_table_1_would_be_optimal_if_it_were_our_table() -> None:
+def test_table_1_would_be_optimal_if_it_were_ours_and_forty_rows_judge_no_fit() -> None:
     table = GainTable(claims.published_rows()[:, [4, 5, 2, 1, 0, 3, 3]], {})
     assert claims.optima_claim(table, SCALES, TRIED).verdict == verdicts.FITTED
     judged = claims.optima_claim(GainTable.shipped(), SCALES, TRIED)
-    assert judged.verdict == verdicts.NONE
-    assert "0 of 40 rows" in judged.why
+    assert judged.verdict == verdicts.NONE and "0 of 40 rows" in judged.why
     best = [{"best": 40, "column_error": 0.1}]
     assert claims.optima_claim(table, SCALES, best).verdict == verdicts.EVERY
     assert claims.optima_claim(GainTable.shipped(), SCALES, best).verdict == verdicts.FITTED
-
-
-def test_the_fit_cannot_be_judged_on_forty_rows() -> None:
     claim = claims.fit_claim()
-    assert claim.verdict == verdicts.UNDETERMINED
-    assert claim.here == pytest.approx(0.3142, abs=1e-4)
+    assert claim.verdict == verdicts.UNDETERMINED and claim.here == pytest.approx(0.3142, abs=1e-4)
     assert "columns read as Table 1 names them" in claim.why and "is ruled out" in claim.why

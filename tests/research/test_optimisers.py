@@ -24,26 +24,20 @@ def tiny() -> optimisers.Result:
     return optimisers.run_benchmark(TINY)
 
 
-def test_ert_is_all_that_was_spent_over_the_number_of_successes() -> None:
+def test_ert_is_all_that_was_spent_over_successes_and_the_distribution_counts_them() -> None:
     assert optimisers.expected_running_time([10, 30], 100) == 20.0
     met = optimisers.expected_running_time([10, NEVER, 30, NEVER], 100)
     assert met == (10 + 100 + 30 + 100) / 2
     assert optimisers.expected_running_time([NEVER, NEVER], 100) == NEVER
-
-
-def test_the_distribution_rises_where_a_target_is_reached_and_counts_what_is_not() -> None:
     where, share = optimisers.empirical_distribution([[5, 2], [5, NEVER], [NEVER, 9], [1, 5]])
     np.testing.assert_array_equal(where, [1, 2, 5, 9])
     np.testing.assert_array_equal(share, np.array([1, 2, 5, 6]) / 8)
 
 
-def test_a12_is_the_share_of_pairs_in_which_a_run_is_sooner_ties_counting_half() -> None:
+def test_a12_is_the_u_statistic_and_its_interval_covers_the_truth_as_it_says() -> None:
     # against 2: 1 wins, 2 ties, never loses; against never: 1 and 2 win, never ties
     mine, theirs = np.array([1, 2, NEVER]), np.array([2, NEVER])
     assert optimisers.superiority(mine, theirs) == (1 + 0.5 + 0 + 1 + 1 + 0.5) / 6
-
-
-def test_an_effect_is_the_u_statistic_of_mann_and_whitney() -> None:
     rng = np.random.default_rng(1)
     mine, theirs = rng.integers(1, 20, 30).astype(float), rng.integers(1, 25, 40).astype(float)
     mine[:5] = NEVER
@@ -52,9 +46,6 @@ def test_an_effect_is_the_u_statistic_of_mann_and_whitney() -> None:
     assert effect.a12 == pytest.approx(u, rel=1e-12)
     assert effect.p_value == mannwhitneyu(mine, theirs).pvalue
     assert effect.low < effect.a12 < effect.high
-
-
-def test_the_interval_of_an_effect_covers_the_truth_as_often_as_it_says() -> None:
     rng = np.random.default_rng(2)
     truth, samples = 0.7602, 60  # P(x < y) of normal deviates one apart: Phi(1 / sqrt(2))
     draws = [(rng.normal(10.0, 1.0, 25), rng.normal(11.0, 1.0, 25)) for _ in range(samples)]

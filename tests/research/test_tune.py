@@ -1,5 +1,3 @@
-"""`make tune` as a user runs it: resumed to the same bits, bad input in one line."""
-
 import os
 import signal
 import subprocess
@@ -21,8 +19,7 @@ def refused(capsys: pytest.CaptureFixture[str], message: str, *arguments: str) -
     with pytest.raises(SystemExit) as end:
         run_command(lambda: tune.main(arguments))
     said = capsys.readouterr()
-    assert (end.value.code, said.out) == (2, "")
-    assert message in said.err
+    assert (end.value.code, said.out) == (2, "") and message in said.err
     assert len(said.err.splitlines()) == 1
 
 
@@ -49,8 +46,7 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path, capsys) 
     refused(capsys, "settings.generations is 1500 there and 1501 here", *other)
     tune.main((*table, "--resume", "--out", str(broken)))
     one, other_one = (folder / "gain_table.json" for folder in (whole, broken))
-    assert one.read_bytes() == other_one.read_bytes()
-    assert len(GainTable.load(one).rows) == 2
+    assert one.read_bytes() == other_one.read_bytes() and len(GainTable.load(one).rows) == 2
 
 
 @pytest.mark.parametrize(("arguments", "message"), [

@@ -13,11 +13,10 @@ STEP_LENGTH = (0.2, 0.2, 0.5, 0.5, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
 TRAPEZOID_MASS = (0.5, 0.875, 1.25, 2.0, 2.0, 2.0, 2.0, 2.0, 1.25, 0.5, 0.5)
 TRAPEZOID_LENGTH = (0.2, 0.4, 0.6, 1.0, 1.0, 1.0, 1.0, 1.0, 0.6, 0.2, 0.2)
 CASES = {
-    "step-step": (STEP_MASS, STEP_LENGTH),
-    "step-trapezoid": (STEP_MASS, TRAPEZOID_LENGTH),
+    "step-step": (STEP_MASS, STEP_LENGTH), "step-trapezoid": (STEP_MASS, TRAPEZOID_LENGTH),
     "trapezoid-step": (TRAPEZOID_MASS, STEP_LENGTH),
     "trapezoid-trapezoid": (TRAPEZOID_MASS, TRAPEZOID_LENGTH),
-}
+}  # fmt: skip
 
 
 def test_the_nine_names_come_in_the_order_of_the_paper():
@@ -35,16 +34,11 @@ def test_a_case_has_the_schedules_of_d3(name, suffix):
 
 
 @pytest.mark.parametrize("name", afl.SCENARIOS)
-def test_every_scenario_has_the_paper_s_constants_start_and_horizon(name):
-    s = afl.SCENARIOS[name]
+def test_every_scenario_has_the_paper_s_constants_and_only_some_the_pulse_of_d6(name):
+    s, pulse = afl.SCENARIOS[name], afl.ForcePulse(force=-10.0, start=10.0, duration=0.1)
     assert (s.pole_mass, s.gravity, s.duration) == (0.05, 9.81, 20.0)
     assert s.initial_state == (0.0, -math.pi / 3, 0.0, 0.0)
-
-
-@pytest.mark.parametrize("name", afl.SCENARIOS)
-def test_only_the_impulse_scenarios_carry_the_pulse_of_d6(name):
-    pulse = afl.ForcePulse(force=-10.0, start=10.0, duration=0.1)
-    assert afl.SCENARIOS[name].disturbances == ((pulse,) if name.endswith("-impulse") else ())
+    assert s.disturbances == ((pulse,) if name.endswith("-impulse") else ())
 
 
 def test_an_unknown_name_is_answered_with_the_valid_ones():

@@ -39,10 +39,8 @@ def scenarios(draw):
 
     return afl.Scenario(
         name=draw(NAMES),
-        schedule={
-            "cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
-            "gravity": draw(POSITIVE),
-        },
+        schedule={"cart_mass": schedule(), "half_length": schedule(), "pole_mass": draw(POSITIVE),
+                  "gravity": draw(POSITIVE)},
         disturbances=draw(st.lists(st.one_of(PULSES, HITS), max_size=3)),
         initial_state=draw(st.tuples(NUMBER, st.floats(-6.28, 6.28), NUMBER, NUMBER)),
         duration=draw(st.floats(10, 1e3)), imperfections=draw(IMPERFECTIONS), belief=draw(BELIEFS),
@@ -176,12 +174,6 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     said = str(caught.value)
     assert said.startswith(f"{path}: {message}") or said.startswith(f"{path} {message}")
     assert "\n" not in said
-
-
-def test_find_takes_a_name_or_a_file(tmp_path):
-    afl.save_scenario(afl.SCENARIOS["step-step"], tmp_path / "mine.toml")
-    assert afl.find_scenario("step-step") is afl.SCENARIOS["step-step"]
-    assert afl.find_scenario(str(tmp_path / "mine.toml")) == afl.SCENARIOS["step-step"]
 
 
 def rollouts(scenario, controller):

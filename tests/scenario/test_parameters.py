@@ -1,5 +1,3 @@
-"""Parameters are positive finite numbers, and frozen."""
-
 import dataclasses
 
 import numpy as np
@@ -19,19 +17,13 @@ def test_the_defaults_are_the_nominal_plant_of_the_paper():
 
 @pytest.mark.parametrize("name", FIELDS)
 @pytest.mark.parametrize(("value", "message"), [
-    pytest.param(-0.1, "must be positive, got -0.1", id="negative"),
-    pytest.param(0, "must be positive, got 0.0", id="zero"),
-    pytest.param(float("nan"), "must be finite, got nan", id="nan"),
-    pytest.param(float("inf"), "must be finite, got inf", id="inf"),
-    pytest.param("1.0", "must be a number, got '1.0'", id="text"),
-    pytest.param(b"1.0", "must be a number, got b'1.0'", id="bytes"),
-    pytest.param(True, "must be a number, got True", id="bool"),
-    pytest.param(None, "must be a number, got None", id="none"),
-    pytest.param(1j, "must be a number, got 1j", id="complex"),
-    pytest.param([1.0], "must be a number, got [1.0]", id="list"),
-])  # fmt: skip
+    (-0.1, "positive, got -0.1"), (0, "positive, got 0.0"), (float("nan"), "finite, got nan"),
+    (float("inf"), "finite, got inf"), ("1.0", "a number, got '1.0'"),
+    (b"1.0", "a number, got b'1.0'"), (True, "a number, got True"), (None, "a number, got None"),
+    (1j, "a number, got 1j"), ([1.0], "a number, got [1.0]"),
+], ids=str)  # fmt: skip
 def test_a_value_that_breaks_a_rule_is_refused_by_name(name, value, message):
-    with pytest.raises(InvalidValueError, match=line(f"{name} {message}")) as caught:
+    with pytest.raises(InvalidValueError, match=line(f"{name} must be {message}")) as caught:
         CartPoleParameters(**{name: value})
     assert caught.value.thing == name
 

@@ -1,7 +1,4 @@
-"""What varies from run to run: the table of a file, and rates that are kept."""
-
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,7 +37,7 @@ gravity = [9.79, 9.83]
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> afl.Scenario:
+def rig(tmp_path) -> afl.Scenario:
     (tmp_path / "rig.toml").write_text(RIG)
     return afl.load_scenario(tmp_path / "rig.toml")
 
@@ -55,29 +52,22 @@ def test_only_what_the_file_says_varies(rig: afl.Scenario) -> None:
         assert 0.1 <= sample.pole_mass <= 0.3 and 9.79 <= sample.gravity <= 9.83
         own = replace(
             sample, name="rig",
-            schedule={
-                **sample.schedule, "cart_mass": rig.cart_mass, "pole_mass": rig.pole_mass,
-                "gravity": rig.gravity,
-            },
-            initial_state=rig.initial_state, ranges=rig.ranges,
+            schedule={**sample.schedule, "cart_mass": rig.cart_mass, "pole_mass": rig.pole_mass,
+                      "gravity": rig.gravity}, initial_state=rig.initial_state, ranges=rig.ranges,
             belief=sample.belief.changed(half_length_error=0.0),
             imperfections=replace(sample.imperfections, seed=0),
         )  # fmt: skip
         assert own == rig
         assert 6.0 <= min(sample.cart_mass.values) <= max(sample.cart_mass.values) <= 12.0
         steepest = np.abs(np.diff(sample.cart_mass.values) / np.diff(sample.cart_mass.times))
-        assert steepest.max() <= 4.0 * (1.0 + 1e-9)
-        assert len(sample.cart_mass.times) > 2
+        assert steepest.max() <= 4.0 * (1.0 + 1e-9) and len(sample.cart_mass.times) > 2
 
 
-def test_a_scenario_with_ranges_survives_its_file(rig: afl.Scenario, tmp_path: Path) -> None:
+def test_a_scenario_with_ranges_survives_its_file_and_is_its_space_s_reference(rig, tmp_path):
     for one in (rig, LABORATORY):
         afl.save_scenario(one, tmp_path / "again.toml")
         again = afl.load_scenario(tmp_path / "again.toml")
         assert (again, hash(again)) == (one, hash(one))
-
-
-def test_the_reference_of_a_space_is_the_scenario_itself(rig: afl.Scenario) -> None:
     space = SampleSpace(rig)
     sample = space.scenario_of(space.reference, 0, 0)
     assert sample.initial_state == pytest.approx(rig.initial_state)
@@ -91,8 +81,7 @@ def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_re
     varied = with_ranges(own).ranges.varied
     assert varied == {n: r for n, r in HARDWARE_RANGES.items() if n != "delay"}
     sample = sample_scenario(SampleSpace(with_ranges(own)), 0, 1)
-    assert sample.imperfections.delay == 0.03
-    assert sample.cart_mass == own.cart_mass
+    assert sample.imperfections.delay == 0.03 and sample.cart_mass == own.cart_mass
     assert with_ranges(own, start=True).ranges.varied.keys() >= START.keys()
     assert with_ranges(LABORATORY) == LABORATORY
 
@@ -138,7 +127,7 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
     ("cart_mass = [1, 2]\nchanges = 1.5", "ranges.changes must be a whole number, got 1.5"),
     ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
 ])  # fmt: skip
-def test_a_table_that_breaks_a_rule_is_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_a_table_that_breaks_a_rule_is_refused(tmp_path, text: str, message: str) -> None:
     (tmp_path / "own.toml").write_text(f"[ranges]\n{text}\n")
     with pytest.raises(AflMujocoError, match=line(f"{tmp_path / 'own.toml'}: {message}", ...)):
         afl.load_scenario(tmp_path / "own.toml")

@@ -1,7 +1,4 @@
-"""Requirements: their rules, their table in a scenario file, what a run could not show."""
-
 import dataclasses
-from pathlib import Path
 
 import pytest
 
@@ -12,9 +9,8 @@ from tests.messages import line
 FALLEN = "must be at most 1.57 rad, where a run ends"
 PUSHES = (
     afl.ForcePulse(force=5.0, start=2.0, duration=0.5),
-    afl.ForcePulse(force=-5.0, start=2.4, duration=0.2),
-    afl.Impulse(momentum=1.0, time=6.0),
-)
+    afl.ForcePulse(force=-5.0, start=2.4, duration=0.2), afl.Impulse(momentum=1.0, time=6.0),
+)  # fmt: skip
 TABLE = """
 duration = 10.0
 [[disturbances]]
@@ -33,7 +29,7 @@ bands.z = 0.1
 """
 
 
-def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
+def test_a_file_asks_for_them_and_gives_them_back(tmp_path) -> None:
     (tmp_path / "rig.toml").write_text(TABLE)
     scenario = afl.load_scenario(tmp_path / "rig.toml")
     assert scenario.requirements == Requirements(
@@ -59,7 +55,7 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path: Path) -> None:
     ("settling_time = 20", "requirements.settling_time must be less than 20 s, the duration, got"),
     ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
 ])  # fmt: skip
-def test_a_requirement_that_breaks_its_rule_is_named(tmp_path: Path, text, message) -> None:
+def test_a_requirement_that_breaks_its_rule_is_named(tmp_path, text, message) -> None:
     (tmp_path / "bad.toml").write_text(f"[requirements]\n{text}\n")
     with pytest.raises(afl.AflMujocoError, match=line(f"{tmp_path / 'bad.toml'}: {message}", ...)):
         afl.load_scenario(tmp_path / "bad.toml")

@@ -1,5 +1,3 @@
-"""The unit cube and the scenarios that its points stand for."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -41,30 +39,24 @@ def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> N
     assert seen == {True, False}
 
 
-def test_a_sample_depends_on_its_index_and_the_seed_alone() -> None:
+def test_a_sample_depends_on_index_and_seed_alone_and_is_the_same_for_ever() -> None:
     assert sample_scenario(SPACE, 3, 7) == sample_scenario(SPACE, 3, 7)
     points = {sample_point(SPACE, i, seed).tobytes() for i in range(20) for seed in range(20)}
     assert len(points) == 400
     noise = {sample_scenario(SPACE, i, s).imperfections.seed for i in range(20) for s in range(20)}
     assert len(noise) == 400
-
-
-def test_the_numbers_of_a_sample_are_the_same_for_ever() -> None:
     """Philox and SeedSequence promise their streams; a sample of today is that of tomorrow."""
     expected = [0.08889323355387169, 0.20068358985659007, 0.8312670906835586]
     np.testing.assert_array_equal(sample_point(SPACE, 12, 1)[:3], expected)
     assert sample_scenario(SPACE, 12, 1).imperfections.seed == 2389723553712521205
 
 
-def test_a_point_does_not_say_what_the_noise_is_nor_the_noise_where_the_point_is() -> None:
+def test_points_noise_and_searches_share_no_random_numbers() -> None:
     point = np.full(SPACE.dimension, 0.3)
     one, other = (SPACE.scenario_of(point, i, 1) for i in (0, 1))
     assert one.imperfections.seed != other.imperfections.seed
     same = replace(one.imperfections, seed=other.imperfections.seed)
     assert replace(one, name=other.name, imperfections=same) == other
-
-
-def test_a_search_shares_its_random_numbers_with_no_sample() -> None:
     drawn = search_generator(7).random(SPACE.dimension)
     assert all((sample_point(SPACE, i, 7) != drawn).all() for i in range(100))
 
@@ -89,8 +81,7 @@ def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[afl.Scenar
 def test_the_shapes_and_their_instants_are_as_said(samples: list[afl.Scenario]) -> None:
     counts = dict.fromkeys((1, 4, 6), 0)
     for sample in samples:
-        assert sample.duration == 20.0
-        assert sample.imperfections.input_limit is None
+        assert sample.duration == 20.0 and sample.imperfections.input_limit is None
         for schedule in (sample.cart_mass, sample.half_length):
             breaks = schedule.breakpoints
             counts[{0: 1, 2: 6, 4: 4}[len(breaks)]] += 1

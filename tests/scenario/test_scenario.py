@@ -1,38 +1,36 @@
-"""A scenario cuts its horizon at every breakpoint; disturbances act where they say."""
-
 import math
 
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco import Scenario, staircase, trapezoid
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.schedules import Schedule
 from tests.messages import line
 
-PULSE = ForcePulse(force=-10.0, start=2.0, duration=0.5)
+PULSE = afl.ForcePulse(force=-10.0, start=2.0, duration=0.5)
 
 
-def test_segments_cover_the_horizon_without_gap(odd_scenario):
+def test_segments_cover_the_horizon_and_part_at_schedules_and_disturbances(odd_scenario):
     segments = odd_scenario.segments
-    assert segments[0].start == 0.0
-    assert segments[-1].end == odd_scenario.duration
+    assert segments[0].start == 0.0 and segments[-1].end == odd_scenario.duration
     assert [s.end for s in segments[:-1]] == [s.start for s in segments[1:]]
     assert all(s.start < s.end for s in segments)
     assert tuple(s.start for s in segments[1:]) == odd_scenario.breakpoints
-
-
-def test_breakpoints_are_those_of_schedules_and_disturbances_inside_the_horizon():
-    scenario = Scenario(name="x", schedule={
-        "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
-        "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
-    }, disturbances=(PULSE, Impulse(momentum=1.0, time=3.0)), duration=20.0)  # fmt: skip
+    scenario = Scenario(
+        name="x",
+        schedule={
+            "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
+            "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+        },
+        disturbances=(PULSE, afl.Impulse(momentum=1.0, time=3.0)),
+        duration=20.0,
+    )
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
 
 
 def test_its_plants_are_all_that_its_schedules_pass_through():
     """Also the values just before a jump and at the horizon, which no breakpoint has."""
-    lengths = {"half_length": Schedule((0.0, 20.0), (0.4, 0.2))}
+    lengths = {"half_length": afl.Schedule((0.0, 20.0), (0.4, 0.2))}
     beyond = Scenario(name="x", schedule=lengths, duration=10.0)
     assert beyond.plants.half_length == pytest.approx((0.3, 0.4))
     for times, masses, plants in (
@@ -40,67 +38,49 @@ def test_its_plants_are_all_that_its_schedules_pass_through():
         ((0.0, 4.0, 4.0), (3.0, 1.0, 2.0), (1.0, 3.0)),
         ((0.0, 10.0, 10.0), (1.0, 2.0, 9.0), (1.0, 2.0)),
     ):
-        jumps = beyond.with_schedule(cart_mass=Schedule(times, masses))
+        jumps = beyond.with_schedule(cart_mass=afl.Schedule(times, masses))
         assert jumps.plants.cart_mass == plants
 
 
-def test_a_segment_gives_the_parameters_up_to_its_very_end(odd_scenario):
+def test_a_segment_gives_parameters_up_to_its_end_and_a_time_those_after_the_jump(odd_scenario):
     for segment in odd_scenario.segments:
         mass, _, length, _ = segment.values_at(segment.end)
         # the limit from inside; one rounding apart at most
         assert mass == pytest.approx(odd_scenario.cart_mass.before(segment.end), rel=1e-15)
         assert length == pytest.approx(odd_scenario.half_length.before(segment.end), rel=1e-15)
-
-
-def test_a_pulse_acts_from_its_start_to_just_before_its_end():
-    scenario = Scenario(name="x", disturbances=(PULSE,))
-    assert [(s.start, s.push[0]) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
-
-
-def test_pulses_that_overlap_add_up():
-    other = ForcePulse(force=4.0, start=2.25, duration=1.0)
-    scenario = Scenario(name="x", disturbances=(PULSE, other))
-    assert [s.push[0] for s in scenario.segments] == [0.0, -10.0, -6.0, 4.0, 0.0]
-
-
-def test_an_impulse_belongs_to_the_segment_that_starts_with_it():
-    hits = (Impulse(momentum=1.5, time=0.0), Impulse(momentum=-2.0, time=3.0))
-    scenario = Scenario(name="x", disturbances=(*hits, Impulse(momentum=0.5, time=3.0)))
-    assert [(s.start, s.impulse[0]) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
-
-
-def test_parameters_at_a_time_are_those_after_the_jump(odd_scenario):
     p = odd_scenario.parameters_at(0.1507)
     assert (p.cart_mass, p.pole_mass, p.gravity) == (1.6, 0.083, 9.65)
     # hand-written line from 0.35 m at 0.0503 s to 0.62 m at 0.6009 s
     assert p.half_length == pytest.approx(0.35 + 0.27 * (0.1507 - 0.0503) / 0.5506, rel=1e-14)
 
 
+def test_a_pulse_acts_to_just_before_its_end_pulses_add_up_and_impulses_come_first():
+    scenario = Scenario(name="x", disturbances=(PULSE,))
+    assert [(s.start, s.push[0]) for s in scenario.segments] == [(0, 0), (2, -10), (2.5, 0)]
+    other = afl.ForcePulse(force=4.0, start=2.25, duration=1.0)
+    both = Scenario(name="x", disturbances=(PULSE, other))
+    assert [s.push[0] for s in both.segments] == [0.0, -10.0, -6.0, 4.0, 0.0]
+    hits = (afl.Impulse(momentum=1.5, time=0.0), afl.Impulse(momentum=-2.0, time=3.0))
+    scenario = Scenario(name="x", disturbances=(*hits, afl.Impulse(momentum=0.5, time=3.0)))
+    assert [(s.start, s.impulse[0]) for s in scenario.segments] == [(0.0, 1.5), (3.0, -1.5)]
+
+
 @pytest.mark.parametrize(("fields", "message"), [
     ({"schedule": {"gravity": 0.0}}, "schedule.gravity must be positive, got 0.0"),
     ({"duration": float("inf")}, "duration must be finite, got inf"),
-    (
-        {"schedule": {"half_length": staircase((1,), (0.5, 0.0))}},
-        "schedule.half_length must be positive, got 0.0",
-    ),
-    (
-        {"schedule": {"gravity": staircase((1,), (9.81, 1.62))}},
-        "schedule.gravity must be one number: only cart_mass and half_length change during a "
-        "run, got [9.81, 1.62]",
-    ),
+    ({"schedule": {"half_length": staircase((1,), (0.5, 0.0))}},
+     "schedule.half_length must be positive, got 0.0"),
+    ({"schedule": {"gravity": staircase((1,), (9.81, 1.62))}},
+     "schedule.gravity must be one number: only cart_mass and half_length change during a "
+     "run, got [9.81, 1.62]"),
     ({"schedule": 3}, "schedule must be a table by name, got 3"),
-    (
-        {"initial_state": {"psi": 1}},
-        "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; "
-        "did you mean phi?",
-    ),
+    ({"initial_state": {"psi": 1}},
+     "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?"),
     ({"initial_state": (0, math.nan, 0, 0)}, "initial_state phi must be finite, got nan"),
     ({"name": "a/b"}, "name must be printable, not empty and without '/', got 'a/b'"),
     ({"name": "a\nb"}, "name must be printable, not empty and without '/', got 'a\\nb'"),
-    (
-        {"disturbances": (PULSE,), "duration": 2.25},
-        "disturbance must end within the duration 2.25 s, got 2.5",
-    ),
+    ({"disturbances": (PULSE,), "duration": 2.25},
+     "disturbance must end within the duration 2.25 s, got 2.5"),
 ], ids=lambda value: "-".join(value) if isinstance(value, dict) else "")  # fmt: skip
 def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
     with pytest.raises(AflMujocoError, match=line(message)):
@@ -108,11 +88,11 @@ def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
 
 
 @pytest.mark.parametrize(("build", "message"), [
-    (lambda: ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
-    (lambda: ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
-    (lambda: ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
-    (lambda: Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
-    (lambda: Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
+    (lambda: afl.ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
+    (lambda: afl.ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
+    (lambda: afl.ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
+    (lambda: afl.Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
+    (lambda: afl.Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
 ], ids=["force", "start", "duration", "momentum", "time"])  # fmt: skip
 def test_a_disturbance_that_breaks_a_rule_is_refused_in_one_line(build, message):
     with pytest.raises(InvalidValueError, match=line(message)):

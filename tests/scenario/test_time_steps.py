@@ -1,5 +1,3 @@
-"""The time grid: every breakpoint is in it, each step's parameters are those of its inside."""
-
 import numpy as np
 import pytest
 
@@ -27,16 +25,13 @@ def test_the_grid_holds_every_breakpoint_exactly_and_no_step_straddles_one(odd_s
     assert widths.max() <= period * (1 + 1e-12)  # rounding of k * period
 
 
-def test_whole_steps_counts_and_refuses_a_remainder():
+def test_whole_steps_refuse_a_remainder_and_a_breakpoint_replaces_a_multiple():
     assert whole_steps("control_period", 0.01, "timestep", 0.001) == 10
     assert whole_steps("duration", 20.0, "timestep", 1e-3) == 20_000
     for period, timestep in ((0.01, 0.003), (0.1, 1.0)):
         said = line(f"timestep {timestep:g} s must divide control_period {period:g} s")
         with pytest.raises(InvalidValueError, match=said):
             whole_steps("control_period", period, "timestep", timestep)
-
-
-def test_a_breakpoint_beside_a_multiple_of_the_period_replaces_it():
     jump = Scenario(name="x", schedule={"cart_mass": staircase((0.3,), (1.0, 2.0))}, duration=0.5)
     assert 3 * 0.1 > 0.3  # but for round-off the same
     grid = time_grid(jump, 0.1)

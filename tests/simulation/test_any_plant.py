@@ -1,32 +1,26 @@
-"""Scenarios of any plant: the same loop, the same judge, by the plant's own names."""
-
 import re
 import shutil
 from dataclasses import replace
 from math import cos, sin
 from pathlib import Path
 
-import mujoco
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
+from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUADROTOR = load_plant(f"{EXAMPLES}/quadrotor_load.py:plant")
-PENDULA = load_plant(f"{EXAMPLES}/cart_double_pendulum.py:plant")
-
 HIT = afl.Impulse(momentum=1.0, time=1.0, coordinate="z")
 
 RENAMED = """
@@ -69,45 +63,34 @@ def terms(q, v, p):
 
 SLED = afl.Plant(
     name="sled", model=RENAMED, coordinates=("way", "lean"), inputs=("pull",),
-    parameters={
-        "sled_mass": afl.Parameter(1.0, "kg", low=0.1, high=2.0),
+    parameters={"sled_mass": afl.Parameter(1.0, "kg", low=0.1, high=2.0),
         "stick_mass": afl.Parameter(0.05, "kg", low=0.01, high=1.0),
         "reach": afl.Parameter(0.5, "m", low=0.05, high=1.0),
-        "weight": afl.Parameter(9.81, "m/s^2", low=1.0, high=20.0),
-    },
-    write=write, terms=terms, upright=(0.0, 0.0), wraps=("lean",),
-    ends_at={"lean": 0.5 * np.pi - 1e-3},
+        "weight": afl.Parameter(9.81, "m/s^2", low=1.0, high=20.0)}, write=write, terms=terms,
+    upright=(0.0, 0.0), wraps=("lean",), ends_at={"lean": 0.5 * np.pi - 1e-3},
     signals={"top": lambda q, v, p: 2.0 * p.reach * cos(q[1])},
 )  # fmt: skip
 
 
 def steady(time, state, belief):
-    """A feedback that needs nothing of the plant."""
     return 5.6 * state[0] - 92.0 * state[1] + 10.9 * state[2] - 26.0 * state[3]
 
 
 OWN = afl.Scenario(
     name="own",
-    schedule={
-        "cart_mass": afl.staircase([1.0], [1.0, 1.6]),
-        "half_length": afl.trapezoid([0.5, 1.0, 1.5, 2.0], 0.4, 0.7),
-    },
-    disturbances=(
-        afl.ForcePulse(force=-5.0, start=1.2003, duration=0.1),
-        afl.Impulse(momentum=0.3, time=2.0004),
-    ),
-    imperfections=afl.Imperfections(
-        control_period=0.004, delay=0.0033, lag=0.002, slew_rate=4e3, input_limit=50.0,
-        noise={"z": 1e-4, "phi": 5e-4, "z_dot": 1e-3, "phi_dot": 5e-3},
-        encoder_step={"phi": 1e-3}, damping={"z": 1.0}, end_stops={"z": 3.0}, seed=3,
-    ),
+    schedule={"cart_mass": afl.staircase([1.0], [1.0, 1.6]),
+              "half_length": afl.trapezoid([0.5, 1.0, 1.5, 2.0], 0.4, 0.7)},
+    disturbances=(afl.ForcePulse(force=-5.0, start=1.2003, duration=0.1),
+        afl.Impulse(momentum=0.3, time=2.0004)),
+    imperfections=afl.Imperfections(control_period=0.004, delay=0.0033, lag=0.002, slew_rate=4e3,
+        input_limit=50.0, noise={"z": 1e-4, "phi": 5e-4, "z_dot": 1e-3, "phi_dot": 5e-3},
+        encoder_step={"phi": 1e-3}, damping={"z": 1.0}, end_stops={"z": 3.0}, seed=3),
     initial_state={"phi": 0.2}, duration=3.0,
 )  # fmt: skip
 """A cart-pole whose M and l change, with most imperfections at once."""
 
 
 def renamed(scenario: afl.Scenario) -> afl.Scenario:
-    """The same for the plant of other names."""
     names = {"z": "way", "phi": "lean", "z_dot": "way_dot", "phi_dot": "lean_dot"}
     r = scenario.imperfections
     tables = {
@@ -154,20 +137,9 @@ def test_a_quadrotor_that_picks_up_a_load_is_its_equations_under_an_lqr() -> Non
     lqr = bound(afl.CONTROLLERS["lqr"], scenario)
     run = afl.simulate_mujoco(scenario, lqr, "exact", timestep=0.01)
     truth = afl.simulate_ode(scenario, lqr, sample_period=0.01)
-    assert np.abs(run.state - truth.state).max() < 1e-10
-    assert run.input.shape == (len(run.time), 2)
+    assert np.abs(run.state - truth.state).max() < 1e-10 and run.input.shape == (len(run.time), 2)
     height = run.state[:, 1] - 0.6 * np.cos(run.state[:, 3])
     np.testing.assert_allclose(run.signals["load_height"], height, rtol=1e-14)
-
-
-@pytest.mark.parametrize("plant", [CART_POLE, QUADROTOR, PENDULA, SLED], ids=lambda p: p.name)
-def test_units_and_limits_are_those_of_the_compiled_model(plant) -> None:
-    model = PlantModel(plant).mj_model
-    slides = [kind == mujoco.mjtJoint.mjJNT_SLIDE for kind in model.jnt_type]
-    assert [plant.units[name] == "m" for name in plant.coordinates] == slides
-    limited = model.actuator_ctrllimited.astype(bool)
-    expected = np.where(limited[:, None], model.actuator_ctrlrange, [-np.inf, np.inf])
-    np.testing.assert_array_equal(plant.limits, expected)
 
 
 def test_a_ctrlrange_limits_the_input_and_is_said() -> None:
@@ -203,8 +175,7 @@ def test_without_an_end_a_pole_swings_round_and_is_measured_modulo_a_turn() -> N
         return steady(time, (state[0], state[1] - 2 * np.pi, *state[2:]), belief)
 
     run = afl.simulate_mujoco(turned, round_the_turn)
-    assert run.outcome.kind == "completed"
-    assert run.metrics["peak_phi"] < 0.1
+    assert run.outcome.kind == "completed" and run.metrics["peak_phi"] < 0.1
     hanging = replace(turned, initial_state=(0.0, 3.0, 0.0, 0.0))
     swung = afl.simulate_mujoco(hanging, lambda time, state, belief: 0.0)
     assert swung.outcome.kind == "completed" and swung.state[:, 1].max() > 3.2
@@ -231,16 +202,13 @@ def test_a_name_of_another_plant_is_refused_with_those_of_this(changes, message)
         afl.Scenario(**{"name": "own", "plant": SLED, **given})
 
 
-def test_a_controller_of_the_cart_pole_is_refused_for_another_plant() -> None:
+def test_a_controller_fits_its_plant_and_returns_all_of_its_inputs() -> None:
     scenario = afl.Scenario(name="own", plant=SLED)
     with pytest.raises(AflMujocoError, match=r"^controller 'adaptive' is of the cart-pole; plant"):
         afl.compare(scenario, "adaptive")
     bare = replace(SLED, upright=None)
     with pytest.raises(AflMujocoError, match=r"^controller 'lqr' needs a plant that says where"):
         afl.simulate_mujoco(afl.Scenario(name="own", plant=bare), "lqr")
-
-
-def test_a_controller_of_several_inputs_has_to_return_them_all() -> None:
     scenario = afl.Scenario(name="own", plant=QUADROTOR, duration=0.1)
     with pytest.raises(AflMujocoError, match=r"must return 2 numbers \(left, right\) at t = 0 s"):
         afl.simulate_mujoco(scenario, lambda time, state, belief: 0.0)
@@ -282,7 +250,7 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
     assert np.abs(run.state[falls] - run.state[falls - 1])[4:].max() < 0.1
 
 
-def test_a_plant_needs_no_parameters() -> None:
+def test_a_plant_needs_neither_parameters_nor_inputs() -> None:
     xml = """<mujoco><worldbody><body><joint name="angle" axis="0 1 0"/>
         <inertial pos="0 0 0.3" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody>
         <actuator><motor name="torque" joint="angle"/></actuator></mujoco>"""
@@ -298,16 +266,12 @@ def test_a_plant_needs_no_parameters() -> None:
         np.testing.assert_allclose(run.state[-1], expected, atol=away)
         assert dict(run.parameters) == {}
     assert afl.load(scenario).reset().observation is not None
-
-
-def test_a_plant_needs_no_inputs_to_be_simulated_and_compared() -> None:
     xml = """<mujoco><worldbody><body><joint name="angle" axis="0 1 0"/>
         <inertial pos="0 0 -0.3" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody></mujoco>"""
     plant = afl.Plant(name="free", model=xml, coordinates=("angle",))
     scenario = afl.Scenario(name="free", plant=plant, duration=0.5, initial_state={"angle": 0.3})
     found = afl.compare(scenario, [lambda time, state, belief: ()])
-    assert found.rows[0].outcome == "completed"
-    assert report(found).passed
+    assert found.rows[0].outcome == "completed" and report(found).passed
     with pytest.raises(InvalidValueError, match="plant 'free' must have an input at which a loop"):
         Request(scenario, [afl.CONTROLLERS["lqr"]], {}).require()
 
@@ -325,14 +289,6 @@ def test_a_saved_scenario_finds_its_plant_from_any_folder(tmp_path: Path, monkey
     assert afl.load_scenario("deep/saved.toml").plant.name == scenario.plant.name
 
 
-def test_samples_say_what_is_told_of_one_input() -> None:
-    delays = afl.Imperfections(delay={"left": 0.004, "right": 0.002})
-    ranges = Ranges(varied={"load": (0.02, 0.4)})
-    own = afl.Scenario(name="own", plant=QUADROTOR, imperfections=delays, ranges=ranges)
-    found = {one.name: one.unit for one in SampleSpace(own).quantities()}
-    assert found["delay.left"] == found["delay.right"] == "s"
-
-
 def test_what_is_told_of_one_input_varies_by_itself() -> None:
     ranges = Ranges(varied={"delay.left": (0.0, 0.01)})
     for given, right in ((0.0, 0.0), ({"left": 0.004, "right": 0.002}, 0.002)):
@@ -342,6 +298,8 @@ def test_what_is_told_of_one_input_varies_by_itself() -> None:
         assert [one.of_input("delay", "right") for one in drawn] == [right, right]
         lefts = [one.of_input("delay", "left") for one in drawn]
         assert 0.0 < lefts[0] != lefts[1] < 0.01
+    found = {one.name: one.unit for one in SampleSpace(own).quantities()}
+    assert found["delay.left"] == found["delay.right"] == "s"
     with pytest.raises(InvalidValueError, match="cannot vary by itself: delay is one number"):
         SampleSpace(replace(own, imperfections=afl.Imperfections(delay=0.001)))
 
@@ -355,11 +313,8 @@ def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
 
 
 @pytest.mark.parametrize("signal", [
-    lambda q, v, p: p.load * q[0] + v[1],
-    lambda q, v, p: cos(q[2]),  # of numbers alone
-    lambda q, v, p: q[0] if q[1] > 0.0 else 1.0,
-    lambda q, v, p: 3.0,
-    lambda q, v, p: np.max(q),
+    lambda q, v, p: p.load * q[0] + v[1], lambda q, v, p: cos(q[2]),  # of numbers alone
+    lambda q, v, p: q[0] if q[1] > 0.0 else 1.0, lambda q, v, p: 3.0, lambda q, v, p: np.max(q),
     lambda q, v, p: q[0] - np.mean(q[0]),  # of arrays, something else
 ])  # fmt: skip
 def test_signals_of_a_run_are_those_of_its_instants(signal) -> None:
@@ -383,11 +338,3 @@ def test_a_joint_that_reaches_its_range_is_remarked_on() -> None:
     first = run.time[np.argmax(np.abs(run.state[:, 0]) >= 0.3)]
     said = f"way reaches its range in the MJCF, -0.3 to 0.3 m, first at {first}"
     assert found[0].startswith(said)
-
-
-def test_a_wait_of_a_good_part_of_the_run_is_remarked_on() -> None:
-    slow = afl.Imperfections(delay=1.2)
-    late = afl.Scenario(name="late", plant=SLED, duration=3.0, imperfections=slow)
-    said = "the delay, 1.2 s, is 40 % of the run; it is given in seconds, not in ms or Hz"
-    assert unit_remarks(late, 0.01) == [said]
-    assert unit_remarks(replace(late, imperfections=afl.Imperfections(delay=0.02)), 0.01) == []

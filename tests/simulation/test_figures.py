@@ -1,5 +1,3 @@
-"""Figures draw what they say."""
-
 import numpy as np
 
 import afl_mujoco as afl

@@ -38,7 +38,6 @@ def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, comman
 
 
 def judged(run, **asked):
-    """What a run makes of requirements, by name."""
     scenario = replace(SCENARIO, requirements=replace(ALL, **asked), imperfections=RAIL)
     return {one.requirement: one for one in judge(scenario, run)}
 
@@ -63,20 +62,16 @@ def test_every_requirement_is_judged_in_its_unit() -> None:
     assert [name for name, one in found.items() if not one.met] == ["max.force"]
 
 
-def test_each_requirement_fails_alone() -> None:
+def test_each_requirement_fails_alone_and_without_rest_by_a_graded_measure() -> None:
     faults = {
-        "max.z": {"z": lambda t: 2.1 * (t < 1.0)},
-        "max.phi": {"phi": lambda t: -0.6 * (t < 1.0)},
+        "max.z": {"z": lambda t: 2.1 * (t < 1.0)}, "max.phi": {"phi": lambda t: -0.6 * (t < 1.0)},
         "max.force": {"force": lambda t: 31.0 * (t > 9.0)},
         "max.force_command": {"command": lambda t: 46.0 * (t > 9.0)},
         "settling_time": {"phi": lambda t: 0.06 * (t < 3.2)},
         "recover_within": {"z": lambda t: 0.2 * ((t > 4.0) & (t < 7.3))},
-    }
+    }  # fmt: skip
     for name, fault in faults.items():
         assert [k for k, one in judged(made(**fault)).items() if not one.met] == [name]
-
-
-def test_what_never_comes_to_rest_has_no_margin_but_a_graded_measure_for_a_search() -> None:
     found = judged(made(z=lambda t: 0.2 + 0.0 * t))
     for name, graded in (("settling_time", -1.0 / 3.0), ("recover_within", -1.5)):
         one = found[name]
@@ -85,8 +80,7 @@ def test_what_never_comes_to_rest_has_no_margin_but_a_graded_measure_for_a_searc
 
 
 @pytest.mark.parametrize(("run", "asked", "failure"), [
-    (made(), {}, ""),
-    (made(end=4.0), {}, "fell"),
+    (made(), {}, ""), (made(end=4.0), {}, "fell"),
     (made(end=4.0), {"completes": False}, "fell"),  # what it did not show
     (made(z=lambda t: 2.6 * (t < 1.0)), {"max": {}}, "end_stops"),
     (made(z=lambda t: 2.6 * (t < 1.0)), {"max": {}, "end_stops_allowed": True}, ""),
@@ -99,35 +93,27 @@ def test_a_run_fails_by_how_it_ended_else_by_the_least_margin(run, asked, failur
 
 def test_a_scenario_that_requires_nothing_judges_nothing_and_says_so() -> None:
     run, nothing = made(end=4.0), replace(SCENARIO, requirements=Requirements(completes=False))
-    assert judge(nothing, run) == ()
-    assert failure_of(run.outcome.kind, ()) == ""
+    assert judge(nothing, run) == () and failure_of(run.outcome.kind, ()) == ""
     (remark,) = remarks_on(run, nothing, afl.find_controller("lqr"))
     assert remark.startswith("completes = false and nothing else is required")
 
 
-def test_a_run_that_fell_shows_only_what_it_broke() -> None:
+def test_a_run_that_fell_shows_only_what_it_broke_and_had_come_to_rest_before() -> None:
     found = judged(made(phi=lambda t: t, end=1.5))
     assert (found["completes"].value, found["completes"].margin) == (1.5, -0.85)
     assert found["max.phi"].margin == pytest.approx(-2.0)
     for name in ("max.z", "max.force_command", "max.force"):
         assert (found[name].margin, found[name].met) == (None, False)
     assert not any(one.met for one in found.values())
-
-
-def test_a_run_that_fell_late_had_come_to_rest_before() -> None:
     found = judged(made(phi=lambda t: 0.04 * (t < 9.0) + (t >= 9.0), end=9.5))
-    assert found["settling_time"].met
-    assert not found["recover_within"].met
+    assert found["settling_time"].met and not found["recover_within"].met
 
 
-def test_a_controller_that_failed_meets_nothing() -> None:
+def test_a_controller_that_failed_meets_nothing_and_a_run_is_judged_by_its_peaks() -> None:
     found = judge_failure(replace(SCENARIO, imperfections=RAIL))
     assert [one.requirement for one in found] == ASKED
     assert [one.limit for one in found] == [10.0, 2.5, 2.0, 0.5, 3.0, 4.0, 45.0, 30.0, 3.0, 2.0]
     assert not any(one.met for one in found)
-
-
-def test_a_simulated_run_is_judged_by_its_own_peaks() -> None:
     asked = Requirements(max={"z": 7.0, "force": 100.0}, settling_time=19.0)
     scenario = replace(afl.SCENARIOS["nominal"], requirements=asked)
     run = afl.simulate_mujoco(scenario, "fixed", "sampled")
@@ -154,8 +140,7 @@ def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: 
 @pytest.mark.parametrize(("start", "force", "expected"), [
     (2.0, 0.0, "φ is at the start where a run ends, 2 rad (114.6°) from its target"),
     (0.1, math.nan, "force was nan at 0.02 s; a run ends where a command is not below 1e+06 or"),
-    (0.1, -math.inf, "force was -inf at 0.02 s; "),
-    (0.1, 3e6, "force was 3e+06 at 0.02 s; "),
+    (0.1, -math.inf, "force was -inf at 0.02 s; "), (0.1, 3e6, "force was 3e+06 at 0.02 s; "),
     (1.45, math.nan, None),  # fell at once, but the pole did not lie
     (0.1, 1.0, None),
 ])  # fmt: skip
@@ -219,8 +204,7 @@ def test_a_controller_that_does_nothing_is_remarked_on() -> None:
 def test_a_change_of_the_plant_after_the_end_is_remarked_on(mass: afl.Schedule, said: str) -> None:
     scenario = SCENARIO.with_schedule(cart_mass=mass)
     found = remarks_on(made(), scenario, afl.find_controller("fixed"))
-    assert len(found) == bool(said)
-    assert all(said in remark for remark in found)
+    assert len(found) == bool(said) and all(said in remark for remark in found)
 
 
 def test_noise_that_nothing_measures_is_remarked_on() -> None:

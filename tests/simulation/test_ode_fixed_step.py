@@ -18,7 +18,6 @@ HELD_STEP = 2e-3
 
 
 def order(simulate, scenario, controller):
-    """Order of accuracy at the end of a run, against the reference."""
     exact = afl.simulate_ode(scenario, controller, sample_period=scenario.duration).state[-1]
     runs = (simulate(scenario, controller, timestep=h).state[-1] for h in STEP_SIZES)
     errors = [np.abs(end - exact).max() for end in runs]
@@ -45,11 +44,9 @@ def _held_by_dop853(scenario, controller, timestep, hold):
             force = controller.force(state, scenario.parameters_at(now))
         states.append(state)
         forces.append(force)
-        pushed = sum(
-            d.force * max(0.0, min(d.end, now + timestep) - max(d.start, now))
-            for d in scenario.disturbances
-            if d not in impulses
-        )
+        pulses = [d for d in scenario.disturbances if d not in impulses]
+        acts = [max(0.0, min(d.end, now + timestep) - max(d.start, now)) for d in pulses]
+        pushed = sum(d.force * time for d, time in zip(pulses, acts, strict=True))
         total = force + pushed / timestep
         for part in (*hits, None):
             until = timestep if part is None else part.time - now
@@ -117,7 +114,6 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
 
 @pytest.mark.parametrize("held", [True, False])
 def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
-    """The cart-pole as a plant of equations, called from Python, is the compiled cart-pole."""
     lqr = afl.CONTROLLERS["lqr"]
 
     def control(time, state, belief):
@@ -125,10 +121,9 @@ def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
         return lqr.command(time, state, np.array(values))
 
     what = {
-        "duration": 1.5, "initial_state": {"phi": 0.2}, "schedule": {
-            "cart_mass": afl.staircase((0.5,), (1.0, 1.7)),
-            "half_length": afl.piecewise_linear((0.2, 0.9033), (0.5, 0.7)),
-        },
+        "duration": 1.5, "initial_state": {"phi": 0.2},
+        "schedule": {"cart_mass": afl.staircase((0.5,), (1.0, 1.7)),
+            "half_length": afl.piecewise_linear((0.2, 0.9033), (0.5, 0.7))},
         "disturbances": (afl.ForcePulse(force=2.0, start=0.3007, duration=0.2),),
     }  # fmt: skip
     mine = PythonController(name="mine", function=control)

@@ -40,12 +40,16 @@ def write(p):
 
 
 STRUT = afl.Plant(
-    name="strut", model=XML, coordinates=("z", "phi", "psi"), inputs=("force",), write=write,
+    name="strut",
+    model=XML,
+    coordinates=("z", "phi", "psi"),
+    inputs=("force",),
+    write=write,
     parameters={
         "reach": afl.Parameter(0.4, "m", low=0.2, high=0.8, rate="enters"),
         "tip": afl.Parameter(0.3, "m", low=0.2, high=0.8, rate="enters"),
     },
-)  # fmt: skip
+)
 
 
 @cache
@@ -109,7 +113,6 @@ def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tr
 
 
 def stretching(rate: str) -> afl.Plant:
-    """The cart-pole whose rate of l enters, or not."""
     own = replace(cart_pole.parameters["half_length"], rate=rate)
     parameters = {**cart_pole.parameters, "half_length": own}
     return replace(cart_pole, name="stretching", parameters=parameters)
@@ -194,7 +197,7 @@ def test_as_deployed_the_error_falls_with_the_square_of_the_step_kinks_included(
     np.testing.assert_allclose(orders, 2.0, atol=0.2)
 
 
-def test_environments_step_as_the_run_does() -> None:
+def test_environments_step_as_the_run_does_and_a_mass_has_no_rate() -> None:
     own = scenario(stretching("enters"))
     run = afl.simulate_mujoco(own, hold, control_period=0.01)
     env = afl.load(own, control_period=0.01)
@@ -203,9 +206,6 @@ def test_environments_step_as_the_run_does() -> None:
         np.testing.assert_array_equal(env.physics.true_state(), run.state[10 * k])
         step = env.step(np.array([hold(0.0, run.state[10 * k], None)]))
     assert step.reward is not None
-
-
-def test_a_mass_does_not_change_with_a_parameter_whose_rate_enters() -> None:
     heavy = replace(cart_pole.parameters["cart_mass"], rate="enters")
     plant = replace(cart_pole, parameters={**cart_pole.parameters, "cart_mass": heavy})
     own = afl.Scenario(name="s", plant=plant, duration=1.0)
@@ -265,15 +265,12 @@ def test_a_load_that_joins_at_rest_keeps_the_momenta_of_a_cable_that_is_reeled_i
     assert fine < 0.6 * coarse < 1e-2
 
 
-def test_a_heavy_load_is_hoisted_like_a_light_one() -> None:
+def test_a_heavy_load_is_hoisted_like_a_light_one_and_a_jump_is_remarked_on() -> None:
     scenario = crane(1234.5)
     exact = afl.simulate_mujoco(scenario, off, mode="exact", timestep=1e-3)
     ode = afl.simulate_ode(scenario, off, sample_period=1e-3)
     np.testing.assert_allclose(ode.state, exact.state, rtol=1e-8, atol=1e-8)
     afl.simulate_mujoco(scenario, off)
-
-
-def test_a_length_that_jumps_though_its_rate_enters_is_remarked_on() -> None:
     jump = afl.staircase([0.5], [2.0, 2.5])
     own = afl.Scenario(name="jump", plant=CRANE, duration=1.0, schedule={"length": jump})
     (remark, *_) = remarks_on(afl.simulate_mujoco(own, off), own, as_controller(off))

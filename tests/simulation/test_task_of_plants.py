@@ -1,5 +1,3 @@
-"""The dm_control environment of plants that are not the cart-pole."""
-
 import pickle
 from dataclasses import replace
 
@@ -14,21 +12,16 @@ from afl_mujoco.simulation.task import controller_policy, nearness
 from tests.plants.plants import EXAMPLES, known
 
 PLANTS = {
-    "quadrotor_load.py:plant": {
-        "start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
+    "quadrotor_load.py:plant": {"start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.6},
-        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left"),
-    },
-    "cart_double_pendulum.py:plant": {
-        "start": {"lower": 0.02},
+        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left")},
+    "cart_double_pendulum.py:plant": {"start": {"lower": 0.02},
         "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.1))},
-        "push": afl.Impulse(momentum=0.01, time=0.3333),
-    },
-}
+        "push": afl.Impulse(momentum=0.01, time=0.3333)},
+}  # fmt: skip
 
 
 def scenario_of(name: str, **changes: object) -> afl.Scenario:
-    """Return a short run of a plant near its target, with a jump and a disturbance."""
     given = PLANTS[name]
     return afl.Scenario(**{
         "name": "short", "plant": known(name), "schedule": given["schedule"], "duration": 1.0,
@@ -67,8 +60,7 @@ def test_what_an_episode_shows_is_named_by_the_plant(name):
     assert step.observation["velocity"].tolist() == [0.0] * n
     assert step.observation["parameters"].tolist() == scenario.values_at(0.0).tolist()
     spec = environment.action_spec()
-    assert spec.shape == (len(scenario.plant.inputs),)
-    assert set(spec.maximum) == {50.0}
+    assert spec.shape == (len(scenario.plant.inputs),) and set(spec.maximum) == {50.0}
     while not step.last():
         step = environment.step(np.zeros(spec.shape))
         assert 0.0 < step.reward <= 1.0
@@ -79,15 +71,13 @@ def test_what_an_episode_shows_is_named_by_the_plant(name):
 def test_an_episode_ends_where_the_requirements_say_so():
     plant = known("cart_double_pendulum.py:plant")
     asked = afl.Requirements(ends_at={"lower": 0.5})
-    scenario = afl.Scenario(
-        name="falls", plant=plant, initial_state={"lower": 0.1}, requirements=asked
-    )
+    lean = {"initial_state": {"lower": 0.1}}
+    scenario = afl.Scenario(name="falls", plant=plant, requirements=asked, **lean)
     environment = afl.load(scenario, control_period=0.01)
     step = environment.reset()
     while not step.last():
         step = environment.step([0.0])
-    assert step.discount == 0.0
-    assert abs(step.observation["position"][1]) >= 0.5
+    assert step.discount == 0.0 and abs(step.observation["position"][1]) >= 0.5
     with pytest.raises(InvalidValueError, match=r"^initial_noise must not let lower start fallen"):
         afl.load(scenario, initial_noise=0.45)
     starts = afl.load(scenario, initial_noise=0.1, random=1).reset().observation["position"]
@@ -143,5 +133,4 @@ def test_each_episode_can_be_another_sample_and_a_copy_goes_on_alone():
 @pytest.mark.parametrize("name", PLANTS)
 def test_a_picture_shows_a_plant_without_a_light_or_a_camera(name, graphics):
     picture = afl.load(scenario_of(name)).physics.render(240, 320)
-    assert picture.shape == (240, 320, 3)
-    assert np.ptp(picture) > 100
+    assert picture.shape == (240, 320, 3) and np.ptp(picture) > 100

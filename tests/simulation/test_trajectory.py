@@ -1,5 +1,3 @@
-"""A trajectory is read-only, checks its shapes, and survives its file bit for bit."""
-
 import gc
 import math
 import pickle
@@ -33,18 +31,16 @@ def saved(tmp_path, smooth_scenario, adaptive):
 
 
 @pytest.mark.parametrize("name", ARRAYS)
-def test_an_array_cannot_be_written_to_nor_replaced(name):
+def test_an_array_cannot_be_written_to_nor_replaced_nor_have_another_length(name):
     run = _made()
     with pytest.raises(ValueError, match="read-only"):
         getattr(run, name)[0] = 7.0
     with pytest.raises(AttributeError):
         setattr(run, name, np.zeros(3))
-
-
-@pytest.mark.parametrize("name", ARRAYS[1:])
-def test_an_array_of_another_length_is_refused_by_name(name):
-    with pytest.raises(InvalidValueError, match=rf"^{name} must have shape \(3,( 4)?\), got \(2,"):
-        _made(**{name: np.zeros((2, 4) if name == "state" else 2)})
+    said = rf"^{name} must have shape \(3,( 4)?\), got \(2,"
+    if name != "time":
+        with pytest.raises(InvalidValueError, match=said):
+            _made(**{name: np.zeros((2, 4) if name == "state" else 2)})
 
 
 def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
@@ -53,8 +49,7 @@ def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
     for name in ARRAYS:
         assert getattr(back, name).tobytes() == getattr(run, name).tobytes()
         assert not getattr(back, name).flags.writeable
-    assert back.outcome == run.outcome
-    assert back.provenance == run.provenance
+    assert back.outcome == run.outcome and back.provenance == run.provenance
     assert back.simulator == "ode RK4"
     provenance = run.provenance
     assert provenance["scenario"]["name"] == "smooth"
@@ -109,8 +104,7 @@ def test_a_full_disk_is_said_in_one_line_and_leaves_the_old_file_whole(saved, mo
     before = path.read_bytes()
     with pytest.raises(FileError, match=r"cannot be written: no space left on device$"):
         run.save(path)
-    assert path.read_bytes() == before
-    assert list(path.parent.iterdir()) == [path]
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
 
 
 @pytest.mark.parametrize("axis", range(4))

@@ -1,5 +1,3 @@
-"""A toy study beside the real ones."""
-
 from pathlib import Path
 
 import pytest

@@ -8,8 +8,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.report.terminal import to_text
-from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.studies import attraction
 from afl_mujoco.studies.attraction import run
@@ -25,18 +23,17 @@ RIG = afl.Scenario(
     duration=5.0,
     initial_state=(0.1, 0.2, 0.0, 0.0),
     disturbances=(afl.ForcePulse(force=20.0, start=2.0, duration=0.1),),
-    imperfections=Imperfections(control_period=0.01, delay=0.004, input_limit=150.0),
-    requirements=Requirements(max={"z": 1.0}),
+    imperfections=afl.Imperfections(control_period=0.01, delay=0.004, input_limit=150.0),
+    requirements=afl.Requirements(max={"z": 1.0}),
 )
-PLAIN = replace(RIG, requirements=Requirements(), duration=12.0)
+PLAIN = replace(RIG, requirements=afl.Requirements(), duration=12.0)
 LQR = afl.CONTROLLERS["lqr"]
 
 
 def mapped(scenario, *controllers, angle=0.8, rate=2.0, count=5, **how):
     axes = (np.linspace(-most, most, count) for most in (angle, rate))
-    return run(
-        attraction.Request(scenario, controllers or (LQR,), ("phi", "phi_dot"), *axes), **how
-    )
+    asked = attraction.Request(scenario, controllers or (LQR,), ("phi", "phi_dot"), *axes)
+    return run(asked, **how)
 
 
 @pytest.mark.parametrize("scenario", [RIG, PLAIN], ids=["rig", "plain"])
@@ -53,11 +50,8 @@ def test_every_point_is_a_run_from_there(scenario) -> None:
         if alone.outcome.kind != "completed":
             expected = attraction.FALLEN
         elif scenario is RIG:
-            expected = (
-                attraction.GOOD
-                if all(one.met for one in judge(started, alone))
-                else attraction.MISSED
-            )
+            met = all(one.met for one in judge(started, alone))
+            expected = attraction.GOOD if met else attraction.MISSED
         else:
             last = np.abs(alone.state[alone.time >= 11.0])
             rests = (last[:, 0] <= 0.05).all() and (last[:, 1] <= 0.02).all()
@@ -84,7 +78,7 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
 
 
-def test_a_controller_that_fails_from_some_starts_fails_there_only() -> None:
+def test_a_controller_that_fails_fails_there_only_and_a_fall_is_a_fall() -> None:
     def fragile(time, state, belief):
         if abs(state[1]) > 0.6:
             raise RuntimeError("far")
@@ -92,12 +86,8 @@ def test_a_controller_that_fails_from_some_starts_fails_there_only() -> None:
 
     own = PythonController(name="fragile", function=fragile)
     kinds = mapped(replace(RIG, duration=0.3, disturbances=()), own).kinds("fragile")
-    assert (kinds[:, [0, -1]] == attraction.FAILED).all() and (
-        kinds[2, 1:-1] == attraction.GOOD
-    ).all()
-
-
-def test_where_nothing_is_asked_for_a_fall_is_a_fall() -> None:
-    careless = replace(PLAIN, requirements=Requirements(completes=False), duration=3.0)
+    assert (kinds[:, [0, -1]] == attraction.FAILED).all()
+    assert (kinds[2, 1:-1] == attraction.GOOD).all()
+    careless = replace(PLAIN, requirements=afl.Requirements(completes=False), duration=3.0)
     kinds = mapped(careless, angle=1.5, rate=4.0, count=3).kinds("lqr")
     assert kinds[2, 2] == attraction.FALLEN and kinds[1, 1] != attraction.FALLEN

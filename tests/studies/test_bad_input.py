@@ -16,7 +16,6 @@ NAMES = [*ALL, "dice"]  # the toy study passes as well, without a line of its ow
 
 
 def takes_scenarios(study: Study) -> bool:
-    """Whether scenarios are named before the options."""
     hints = get_type_hints(study.configuration, include_extras=True)
     return any(
         name.startswith("scenario") and tyro.conf.Positional in getattr(hint, "__metadata__", ())
@@ -39,6 +38,7 @@ FILES = {
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
     "NaN": ("bad.toml", "duration = nan", "bad.toml"),
     "endless number": ("bad.toml", f"duration = {5000 * '1'}", "whole number of so many digits"),
+    "unknown name": ("step-stp", None, "did you mean step-step"),
     "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),
 }
 
@@ -56,11 +56,6 @@ def test_a_scenario_file_that_cannot_be_used(toy, refuses, tmp_path, name, case)
     assert message in said
 
 
-@pytest.mark.parametrize("name", WITH_SCENARIOS)
-def test_an_unknown_scenario_with_what_was_meant(toy: str, refuses, name: str) -> None:
-    assert "did you mean step-step" in refuses(name, "step-stp", "--out", "out")
-
-
 @pytest.mark.parametrize("name", WITH_CONTROLLERS)
 def test_an_unknown_controller_with_what_was_meant(refuses, name: str) -> None:
     option = controllers_option(studies()[name])
@@ -69,28 +64,30 @@ def test_an_unknown_controller_with_what_was_meant(refuses, name: str) -> None:
     assert "got 'adaptve'; did you mean adaptive" in said
 
 
-@pytest.mark.parametrize("name", [*(n for n in ALL if studies()[n].takes("workers")), "dice"])
-def test_no_workers(toy: str, refuses, name: str) -> None:
-    said = refuses(name, "--workers", "0", "--out", "out")
-    assert "workers must be at least 1, got 0" in said
-
-
 @pytest.mark.parametrize("name", NAMES)
-def test_an_unknown_option_and_an_option_that_is_no_number(toy: str, refuses, name: str) -> None:
+def test_no_workers_or_no_number_of_them_and_an_unknown_option(toy, refuses, name: str) -> None:
     refuses(name, "--quik")
     refuses(name, "--workers", "many")
+    if name == "dice" or studies()[name].takes("workers"):
+        said = refuses(name, "--workers", "0", "--out", "out")
+        assert "workers must be at least 1, got 0" in said
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_output_folder_that_is_a_file(toy: str, refuses, tmp_path: Path, name: str) -> None:
+def test_a_place_for_results_or_films_that_cannot_be_used(toy, refuses, tmp_path, name) -> None:
     (tmp_path / "file").write_text("")
-    said = refuses(name, "--out", "file")
-    assert "output folder file cannot be written: file exists" in said
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_output_folder_with_a_nul(toy: str, refuses, name: str) -> None:
-    assert "argument must not contain a NUL character" in refuses(name, "--out", "a\0b")
+    (tmp_path / "held" / f"{STEMS[name]}.json").mkdir(parents=True)
+    (tmp_path / "films.json").write_text("{}")
+    for arguments, message in (
+        (("--out", "file"), "output folder file cannot be written: file exists"),
+        (("--out", "a\0b"), "argument must not contain a NUL character"),
+        (("--out", "held"), f"held/{STEMS[name]}.json must be a file, but is a folder"),
+        (
+            ("--films", ".", "--out", "out"),
+            "films.json does not list films: films is missing: run afl-mujoco render",
+        ),
+    ):
+        assert message in refuses(name, *arguments)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -108,16 +105,7 @@ def test_an_option_without_a_value(toy: str, refuses, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_folder_where_the_result_belongs(toy: str, refuses, tmp_path: Path, name: str) -> None:
-    (tmp_path / "held" / f"{STEMS[name]}.json").mkdir(parents=True)
-    said = refuses(name, "--out", "held")
-    assert f"held/{STEMS[name]}.json must be a file, but is a folder" in said
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_result_of_another_schema_names_the_command_that_makes_it_anew(
-    toy: str, refuses, tmp_path: Path, name: str
-) -> None:
+def test_a_result_of_another_schema_names_what_makes_it_anew(toy, refuses, tmp_path, name):
     folder = tmp_path / "renders" / "validation"
     folder.mkdir(parents=True)
     text = json.dumps({"schema": 0, "study": name, "command": "", "files": []})
@@ -127,13 +115,6 @@ def test_a_result_of_another_schema_names_the_command_that_makes_it_anew(
     assert said.endswith(f"got '{name}' and 0: run afl-mujoco {name}")
     other = "margins" if name != "margins" else "estimation"
     assert f"run afl-mujoco {name}" in refuses(other)  # before anything slow
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_films_that_are_not_understood(toy: str, refuses, tmp_path: Path, name: str) -> None:
-    (tmp_path / "films.json").write_text("{}")
-    said = refuses(name, "--films", ".", "--out", "out")
-    assert "films.json does not list films: films is missing: run afl-mujoco render" in said
 
 
 CASES = {

@@ -1,9 +1,6 @@
-"""The study that checks a plant: what it says, that each row would notice, and what it refuses."""
-
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -50,32 +47,25 @@ def test_the_command_checks_the_cart_pole_and_writes_what_it_says(command_line, 
 def test_a_plant_that_fails_gives_1_and_names_the_mistake(command_line, tmp_path) -> None:
     spec = varied(tmp_path, equations("return 0.0, 0.0"))
     code, output, _ = command_line("check", spec, "--samples", "50", "--no-page", "--out", "out")
-    assert code == 1
-    assert output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
+    assert code == 1 and output.splitlines()[-1].startswith("FAIL: small: accelerations, ")
     assert "Not looked at, since terms differ: energy, and models written in place." in output
     content = json.loads((tmp_path / "out" / "check.json").read_text())
     assert (content["verdict"], content["model_verified"]) == ("fail", True)
 
 
-def test_without_equations_engine_and_mutation_are_verified_and_the_model_is_not(tmp_path) -> None:
+def test_without_equations_the_model_is_not_verified_and_a_seed_repeats_itself(tmp_path) -> None:
     result = afl.check(small(tmp_path), samples=100)
     assert result.passed and not result.model_verified
     assert result.headline == "small: engine and mutation verified; model not: no equations"
     assert str(result).splitlines()[-1] == f"PASS: {result.headline}"
-
-
-def test_the_same_seed_gives_the_same_result_and_another_does_not() -> None:
     one, two, other = (afl.check(known(NAMES[2]), 50, seed=x) for x in (1, 1, 2))
-    assert one == two != other
+    assert one == two != other and repr(one) == f"<{one.headline}>"
 
 
-def test_the_command_draws_in_a_box_too(command_line) -> None:
+def test_points_are_drawn_in_the_box_and_the_ranges_of_the_mjcf(command_line, tmp_path):
     asked = ("--samples", "20", "--box", "phi", "-0.5", "0.5", "z_dot", "0", "1", "--out", "out")
     code, output, _ = command_line("check", "cart-pole", *asked)
     assert code == 0 and "phi -0.5 to 0.5, z_dot 0 to 1," in " ".join(output.split())
-
-
-def test_points_are_drawn_in_the_box_and_in_the_ranges_of_the_mjcf(tmp_path) -> None:
     plant = small(
         tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.2 .3"'),
         ('joint="arm"/>', 'joint="arm" ctrlrange="-.5 .5"/>'),
@@ -99,8 +89,6 @@ def test_a_box_that_is_none_is_refused(box, tmp_path) -> None:
     with pytest.raises(afl.AflMujocoError, match=r"^box"):
         afl.check(small(tmp_path), 3, box=box)
 
-
-# Each row notices what it is for
 
 QUAD = "quadrotor_load.py:plant"
 
@@ -174,15 +162,12 @@ def test_a_tree_that_is_wrong_is_noticed(monkeypatch) -> None:
     assert "MuJoCo is not the tree of its MJCF" in result.headline
 
 
-@pytest.mark.parametrize(
-    ("id", "terms"),
-    [
-        ("D1", lambda m, h, b, v: (m + np.triu(np.ones_like(m), 1), h, b)),
-        ("D2", lambda m, h, b, v: (-np.asarray(m), h, b)),
-        ("D3", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2] ** 2, b)),
-        ("D4", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2], b)),
-    ],
-)
+@pytest.mark.parametrize(("id", "terms"), [
+    ("D1", lambda m, h, b, v: (m + np.triu(np.ones_like(m), 1), h, b)),
+    ("D2", lambda m, h, b, v: (-np.asarray(m), h, b)),
+    ("D3", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2] ** 2, b)),
+    ("D4", lambda m, h, b, v: (m, np.asarray(h) + np.array([0, 0, 1, 0]) * v[2], b)),
+])  # fmt: skip
 def test_terms_that_no_body_has_break_an_invariant(id: str, terms) -> None:
     plant = known(QUAD)
     usual = plant.terms
@@ -200,9 +185,6 @@ def test_the_tree_is_not_read_from_the_model_that_was_written() -> None:
     after = model.tree(row)
     for name in tree.Tree._fields:
         np.testing.assert_array_equal(before[name], after[name])
-
-
-# Bad input: one line, exit code 2
 
 
 BAD = {
@@ -235,8 +217,6 @@ BAD = {
         ("    return {", '    return {"body tip pos 0": "far", '),),
     "write: body tip inertia 0 must be at most the sum of the other two, got 5": (
         ("    return {", '    return {"body tip inertia": (5.0, 1.0, 1.0), '),),
-    "write: body tip inertia 2 must be written with all three": (
-        ("    return {", '    return {"body tip inertia 2": 0.1, '),),
     "write: geom arm size 1 must not be negative, got -0.2": (
         ('size 1": p.length', 'size 1": -p.length'),),
     "write: body arm mass must be finite, got nan": (
@@ -279,27 +259,25 @@ def test_bad_input_is_one_line_with_exit_code_2(said: str, refuses, tmp_path) ->
     assert said.rstrip() in line or spec.endswith("plan")
 
 
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("a = float('nan') if q[0] > 2.8 else 0.0", "accelerations must be finite; box= of afl"),
-        ("a = 0.0\n    if q[0] > 2.8: raise ValueError('far')",
-         "accelerations raised ValueError: far"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("line", "said"), [
+    ("a = float('nan') if q[0] > 2.8 else 0.0", "accelerations must be finite; box= of afl"),
+    ("a = 0.0\n    if q[0] > 2.8: raise ValueError('far')", "accelerations raised ValueError: far"),
+])  # fmt: skip
 @pytest.mark.parametrize("more", ["", "\n    {}.get(a)"])  # compiled or not
-def test_what_goes_wrong_at_few_points_is_found_before_a_folder_is_made(
-    line: str, said: str, more: str, refuses, tmp_path
-) -> None:
+def test_what_goes_wrong_at_few_points_is_found_at_once(line, said, more, refuses, tmp_path):
     spec = varied(tmp_path, equations(f"{line}{more}\n    return a, a"))
     assert said in refuses("check", spec, "--out", "out")
 
 
-def test_parameters_that_are_never_drawn_elsewhere_are_said(tmp_path) -> None:
+def test_parameters_never_drawn_elsewhere_are_said_and_a_box_leaves_a_singularity_out(tmp_path):
     """Equations could have constants in their place."""
     bounds = (', "kg", low=0.5, high=2.0', ""), equations("return q[0], p.mass")
     notes = afl.check(small(tmp_path, *bounds), 20).notes
     assert notes[-2] == "Drawn at one value, for want of low and high: mass."
+    plant = small(tmp_path, equations("return (q[0] - 0.15) ** 0.5 * 0.0, 0.0"))
+    with pytest.raises(afl.AflMujocoError, match="accelerations must be"):
+        afl.check(plant, 300)
+    afl.check(plant, 300, box={"arm": (0.2, 1.0)})
 
 
 def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
@@ -307,16 +285,3 @@ def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
     monkeypatch.setattr(check_study.Request, "work", lambda self: (1.0, 0.0))
     result = afl.check(known(QUAD), 50)
     assert result.headline == "quadrotor-load: work of the velocity terms is 1/2 v M' v: 1"
-
-
-def test_singular_equations_say_how_to_leave_the_singularity_out(tmp_path: Path) -> None:
-    plant = small(tmp_path, equations("return (q[0] - 0.15) ** 0.5 * 0.0, 0.0"))
-    with pytest.raises(afl.AflMujocoError, match="accelerations must be"):
-        afl.check(plant, 300)
-    afl.check(plant, 300, box={"arm": (0.2, 1.0)})
-
-
-def test_the_result_is_a_dataclass_that_compares() -> None:
-    result = afl.check("cart-pole", 20)
-    assert replace(result) == result
-    assert repr(result) == f"<{result.headline}>"

@@ -1,8 +1,5 @@
-"""Controllers compared: whose run is which, what they need, and who meets the requirements."""
-
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +10,6 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
@@ -59,8 +55,7 @@ def idle(time, state, belief):
 
 
 @pytest.fixture
-def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a scenario and controllers of one's own."""
+def rig(tmp_path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     (tmp_path / "rig.toml").write_text(RIG)
     (tmp_path / "compared.py").write_text(OWN)
@@ -68,11 +63,11 @@ def rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def result(rig: Path) -> Result:
+def result(rig) -> Result:
     return compare(rig / "rig.toml", ["lqr", "adaptive"], draws=1)
 
 
-def test_each_run_is_that_of_the_simulator_with_its_imperfections(rig: Path, result) -> None:
+def test_each_run_is_that_of_the_simulator_with_its_imperfections(rig, result) -> None:
     for name in ("lqr", "adaptive"):
         run = afl.simulate_mujoco(rig / "rig.toml", name)
         curves = result.curves[f"rig/{name}"]
@@ -103,14 +98,13 @@ def test_a_comparison_says_in_print_and_in_a_notebook_who_meets_what(result) -> 
     missed = sum(not row["met"] for row in result.requirements)
     assert printed.count("✗") == shown.count("✗") == missed > 0
     assert printed.count("✓") == shown.count("✓") == len(result.requirements) - missed > 0
-    assert "\x1b" not in printed
-    assert repr(result) == "<lqr 3 of 3 · adaptive 1 of 3>"
+    assert "\x1b" not in printed and repr(result) == "<lqr 3 of 3 · adaptive 1 of 3>"
     found = report(result)
     assert (found.title, found.headline) == ("rig: lqr, adaptive", "lqr 3 of 3 · adaptive 1 of 3")
     assert found.passed is False and isinstance(found.blocks[0], Matrix)
 
 
-def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) -> None:
+def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> None:
     code, output, errors = command_line(
         "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "compared:zero",
         "compared:late", "--draws", "1", "--out", "out",
@@ -136,7 +130,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig: Path, command_line) 
     assert [row["controller"] for row in data["rows"]] == [*names]
 
 
-def test_the_same_object_with_memory_makes_the_same_run_twice(rig: Path) -> None:
+def test_the_same_object_with_memory_makes_the_same_run_twice(rig) -> None:
     class Integrating:
         def __init__(self) -> None:
             self.sum = 0.0
@@ -160,17 +154,14 @@ def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
         compare("nominal", ["lqr", "lqr"])
 
 
-@pytest.mark.parametrize(
-    ("hardware", "draws", "count"),
-    [({}, None, 1), ({"noise.phi": 1e-4}, None, 10), ({"noise.phi": 1e-4}, 1, 1),
-     ({"encoder_step.phi": 1e-3}, 3, 3)],
-)  # fmt: skip
-def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
-    hardware, draws, count
-) -> None:
+@pytest.mark.parametrize(("hardware", "draws", "count"), [
+    ({}, None, 1), ({"noise.phi": 1e-4}, None, 10), ({"noise.phi": 1e-4}, 1, 1),
+    ({"encoder_step.phi": 1e-3}, 3, 3),
+])  # fmt: skip
+def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, count) -> None:
     scenario = afl.Scenario(
         name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0),
-        requirements=Requirements(max={"phi": 0.12}),
+        requirements=afl.Requirements(max={"phi": 0.12}),
         imperfections=IDEAL.changed({**hardware, "seed": 7}),
     )  # fmt: skip
     found = compare(scenario, "lqr", draws=draws)
@@ -184,7 +175,7 @@ def test_where_noise_or_encoders_act_a_controller_is_judged_by_several_draws(
     assert compare(scenario, "lqr", draws=draws).table == found.table
 
 
-def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
+def test_the_library_takes_functions_classes_and_names(rig) -> None:
     class Own:
         def __call__(self, time, state, belief):
             return GAINS @ state
@@ -192,8 +183,7 @@ def test_the_library_takes_functions_classes_and_names(rig: Path) -> None:
     found = afl.compare(rig / "rig.toml", ["lqr", Own, idle], draws=1)
     assert repr(found) == "<lqr 3 of 3 · Own 3 of 3 · idle 0 of 3>"
     missed = [row for row in found.requirements if not row["met"]]
-    assert {row["controller"] for row in missed} == {"idle"}
-    assert len(found.plot("rig").axes) == 4
+    assert {row["controller"] for row in missed} == {"idle"} and len(found.plot("rig").axes) == 4
     with pytest.raises(afl.AflMujocoError, match="scenario must be one of rig, got 'rug'"):
         found.plot("rug")
 
@@ -226,18 +216,14 @@ def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:
     assert not found.passed
 
 
-def test_a_controller_that_fails_meets_nothing_even_where_nothing_is_asked() -> None:
-    free = afl.Scenario(name="free", duration=1.0, requirements=Requirements(completes=False))
+def test_a_controller_that_fails_meets_nothing_and_is_a_row_and_not_the_end() -> None:
+    free = afl.Scenario(name="free", duration=1.0, requirements=afl.Requirements(completes=False))
 
     def broken(time, state, belief):
         raise ArithmeticError
 
     found = afl.compare(free, ["lqr", broken])
-    assert [bool(run.missed) for run in found.rows] == [False, True]
-    assert not found.passed
-
-
-def test_gains_without_a_value_are_a_row_and_not_the_end() -> None:
+    assert [bool(run.missed) for run in found.rows] == [False, True] and not found.passed
     believed = {"cart_mass": {"error": 0.5}}
     heavy = afl.Scenario(name="heavy", schedule={"cart_mass": 70.0}, duration=1.0, belief=believed)
     lqr, adaptive = afl.compare(heavy, ["lqr", "adaptive"]).rows

@@ -20,8 +20,7 @@ def test_the_toy_study_is_one_file_that_nothing_else_names() -> None:
 
 def test_it_gets_a_command_files_a_terminal_and_markdown(toy, command_line, tmp_path) -> None:
     code, output, errors = command_line(toy, "nominal", "--throws", "3", "--out", "out")
-    assert (code, errors) == (0, "")
-    assert output.splitlines()[-1] == "The mean is 4.00."
+    assert (code, errors) == (0, "") and output.splitlines()[-1] == "The mean is 4.00."
     assert "Every throw" in output and "Fair dice." in output
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert written == {
@@ -41,8 +40,7 @@ def test_it_is_put_into_the_page_beside_what_is_there(toy, command_line, tmp_pat
     page = (folder / "report.html").read_text()
     assert '<h2 id="dice-title">Dice</h2>' in page and 'href="#dice"' in page
     assert "<em>Fair</em> dice." in page and "CODES AGREE 22/22" in page
-    assert page.count("The mean is") == 1
-    assert command_line("report")[0] == 0
+    assert page.count("The mean is") == 1 and command_line("report")[0] == 0
     assert (folder / "report.html").read_text() == page
     code, output, _ = command_line(toy, "--out", "own", "--no-page")
     assert code == 0 and not list((tmp_path / "own").glob("*.[hps][tnv][mg]*"))

@@ -1,5 +1,3 @@
-"""How well M and l are estimated: the figures of merit by hand, and the study's own run."""
-
 import json
 from dataclasses import replace
 
@@ -8,16 +6,14 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.report.blocks import figures_of
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies import estimation
 from afl_mujoco.studies.estimation import run
 
 
 @pytest.fixture(scope="module")
 def result() -> estimation.Result:
-    return run(
-        estimation.Request([afl.SCENARIOS["step-step"]], afl.CONTROLLERS["adaptive"], seeds=3)
-    )
+    step = afl.SCENARIOS["step-step"]
+    return run(estimation.Request([step], afl.CONTROLLERS["adaptive"], seeds=3))
 
 
 def test_the_estimated_loop_is_as_good_as_the_one_with_the_true_parameters(result):
@@ -32,15 +28,13 @@ def test_the_estimated_loop_is_as_good_as_the_one_with_the_true_parameters(resul
 
 
 def test_a_noisy_loop_is_the_median_of_its_own_runs_and_its_largest_force_their_largest(result):
-    (loop,) = (
-        x for x in result.cases[0].loops if (x.parameters, x.noise) == (estimation.TRUE, True)
-    )
-    noises = [Imperfections(noise={"z": 1e-4, "phi": 5e-4}, seed=seed) for seed in range(3)]
+    true, loops = (estimation.TRUE, True), result.cases[0].loops
+    (loop,) = (x for x in loops if (x.parameters, x.noise) == true)
+    noises = [afl.Imperfections(noise={"z": 1e-4, "phi": 5e-4}, seed=seed) for seed in range(3)]
     noisy = [replace(afl.SCENARIOS["step-step"], imperfections=noise) for noise in noises]
     runs = [afl.simulate_mujoco(one, afl.CONTROLLERS["adaptive"], "sampled") for one in noisy]
     peaks = sorted(float(np.abs(run.force).max()) for run in runs)
-    assert peaks[0] < peaks[1] < peaks[2]
-    assert loop.metrics["max_force"] == pytest.approx(peaks[1])
+    assert peaks[0] < peaks[1] < peaks[2] and loop.metrics["max_force"] == pytest.approx(peaks[1])
     assert loop.largest_force == pytest.approx(peaks[2])
 
 

@@ -1,5 +1,3 @@
-"""The studies on the plants of `examples/`, as their files say."""
-
 from pathlib import Path
 
 import pytest
@@ -22,9 +20,8 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
 
 def test_a_quadrotor_has_an_lqr_by_default_with_thresholds_samples_and_a_map() -> None:
     file = str(EXAMPLES / "quadrotor_load.toml")
-    given = thresholds.Options(
-        scenarios=(file,), imperfections=("delay", "load_error+"), quick=True
-    )
+    asked = ("delay", "load_error+")
+    given = thresholds.Options(scenarios=(file,), imperfections=asked, quick=True)
     found = thresholds.run(thresholds.prepare(given))
     delay = found.sweep("delay", "lqr").survives
     assert delay.holds_at is not None and 1e-3 < delay.holds_at < 0.2

@@ -1,10 +1,7 @@
-"""The command on one made-up log, and what it shows."""
-
 import itertools
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +21,7 @@ def table(c: dict) -> np.ndarray:
 
 
 @pytest.fixture
-def rig(tmp_path: Path) -> Path:
+def rig(tmp_path):
     (tmp_path / "logs").mkdir()
     c = swing(TRUTH, 4, 1.6)
     write_log(tmp_path / "logs" / "one.csv", table(c))
@@ -32,10 +29,9 @@ def rig(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command_line) -> None:
+def test_the_command_writes_estimates_a_scenario_and_a_figure(rig, command_line) -> None:
     code, output, _ = command_line(*IDENTIFY)
-    assert code == 0
-    assert output.splitlines()[-1].startswith("made up: w2 = ")
+    assert code == 0 and output.splitlines()[-1].startswith("made up: w2 = ")
     assert "too narrow: too few logs" in " ".join(output.split())
     data = json.loads((rig / "out" / "identify.json").read_text())
     found = {one["name"]: one for one in data["identified"]["drive"]["estimates"]}
@@ -45,7 +41,7 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig: Path, command
     assert (rig / "out" / "identify-log.png").is_file()
 
 
-def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> None:
+def test_lost_rows_cost_what_they_held_and_no_more(rig, command_line) -> None:
     path = rig / "logs" / "one.csv"
     rows = path.read_text().splitlines()
     rng = np.random.default_rng(3)
@@ -62,7 +58,7 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig: Path, command_line) -> N
             assert "of the rows are lost" in errors
 
 
-def identify_logs(folder: Path, command_line, columns: dict) -> str:
+def identify_logs(folder, command_line, columns: dict) -> str:
     for name, c in columns.items():
         write_log(folder / "logs" / f"{name}.csv", table(c))
     code, output, errors = command_line(*IDENTIFY)
@@ -70,14 +66,12 @@ def identify_logs(folder: Path, command_line, columns: dict) -> str:
     return errors
 
 
-def test_logs_of_two_poles_are_told_apart(rig: Path, command_line) -> None:
+def test_logs_of_two_poles_and_a_command_after_its_force_are_named(rig, command_line) -> None:
     other = replace(TRUTH, half_length=0.24)
     errors = identify_logs(rig, command_line, {"other": swing(other, 7, 1.6)})
     said = r"logs must be of one cart-pole, got gravity term w2 3\d.* in other and 3\d.* in one"
     assert re.search(said, errors)
-
-
-def test_a_command_that_comes_after_its_force_is_named(rig: Path, command_line) -> None:
+    (rig / "logs" / "other.csv").unlink()
     columns = {}
     for name in ("one", "two"):
         log = swing(TRUTH, len(name) + ord(name[0]), 2.0)

@@ -10,11 +10,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS
-from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.blocks import Matrix
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies import margins
@@ -38,7 +36,7 @@ def survey() -> margins.Result:
     )
 
 
-def test_a_survey_holds_the_margins_of_each_plant_and_where_the_worst_stands(survey) -> None:
+def test_a_survey_holds_the_margins_of_each_plant_but_where_the_hold_is_unstable(survey) -> None:
     loop = linearize(CONTROLLERS["fixed"], AT_REST)
     for kind, period in ((margins.CONTINUOUS, None), (margins.HELD, 1e-3)):
         (expected,) = loop_margins(loop, period)
@@ -53,9 +51,6 @@ def test_a_survey_holds_the_margins_of_each_plant_and_where_the_worst_stands(sur
         values = [getattr(row, metric) for row in survey.of("fixed", margins.CONTINUOUS)]
         worst = survey.worst("fixed", margins.CONTINUOUS, metric)
         assert getattr(worst, metric) == max(values) > min(values)
-
-
-def test_a_loop_that_the_hold_makes_unstable_is_left_out(survey: margins.Result) -> None:
     # a controller that assumes 1 kg and 0.5 m commands ten times too much force
     held, free = (survey.of("fixed-nominal", kind) for kind in (margins.HELD, margins.CONTINUOUS))
     assert [row.stable for row in held] == [False, True, True, True]
@@ -76,9 +71,7 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
     code, output, errors = command_line("margins", "nominal", *few)
     assert (code, errors) == (0, "")
     content = json.loads((tmp_path / "out" / "margins.json").read_text())
-    assert content["command"] == (
-        "afl-mujoco margins nominal --controllers lqr --quick --no-measure"
-    )
+    assert content["command"] == f"afl-mujoco margins nominal {' '.join(few[:4])}"
     row = content["rows"][0]
     assert (row["loop"], row["input"], row["parameters"]) == ("continuous", "force", {})
     assert f"{1e3 * row['delay']:.2f}" in output and "Delay [ms]" in output
@@ -92,20 +85,19 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
             "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
             "half_length": afl.constant(1.5),
         },
-        imperfections=Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
+        imperfections=afl.Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
         ranges=Ranges(varied={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)}),
     )
     afl.save_scenario(own, tmp_path / "own.toml")
-    asked = margins.Options(
-        scenario=str(tmp_path / "own.toml"), controllers=("lqr",), measure=False
-    )
+    own = str(tmp_path / "own.toml")
+    asked = margins.Options(scenario=own, controllers=("lqr",), measure=False)
     request = margins.prepare(asked)
     assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
     assert [*request.axes] == ["cart_mass", "pole_mass"] and request.period == 0.01
     here = request.point(LQR, (8.0, 0.1)).linear.scenario
     assert tuple(here.nominal.values()) == (8.0, 0.1, 1.5, 9.81)
-    assert here.imperfections == Imperfections(control_period=0.01, delay=0.004)
+    assert here.imperfections == afl.Imperfections(control_period=0.01, delay=0.004)
     assert margins.prepare(replace(asked, control_period=0.002)).period == 0.002
     assert len(margins.prepare(replace(asked, levels=3)).plants) == 9
     with pytest.raises(InvalidValueError, match=r"at most 10000 plants of cart_mass, pole_mass"):
@@ -117,50 +109,30 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
 
 
 def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
-    plain, late = (
-        margins.run(
-            margins.Request(
-                replace(AT_REST, imperfections=Imperfections(delay=delay)), [LQR], {}, 0.01
-            )
-        )
-        for delay in (0.0, 0.01)
-    )
+    hardware = [afl.Imperfections(delay=delay) for delay in (0.0, 0.01)]
+    scenarios = [replace(AT_REST, imperfections=one) for one in hardware]
+    plain, late = (margins.run(margins.Request(one, [LQR], {}, 0.01)) for one in scenarios)
     one, other = (found.of("lqr", margins.HELD)[0].delay for found in (plain, late))
-    assert other == pytest.approx(one - 0.01, rel=1e-9)
-    assert late.imperfections == "delay = 0.01"
+    assert other == pytest.approx(one - 0.01, rel=1e-9) and late.imperfections == "delay = 0.01"
     continuous = [found.of("lqr", margins.CONTINUOUS) for found in (plain, late)]
     assert continuous[0] == continuous[1]
 
 
-# Small motions in MuJoCo
-
-
-def measured(
-    controller: Controller, scenario: afl.Scenario, period: float = 1e-3
-) -> tuple[margins.Row, margins.Row]:
-    """Return what is linear and what is measured of a cart-pole."""
+def measured(controller: afl.Controller, scenario: afl.Scenario, period: float = 0.001):
     found = margins.run(margins.Request(scenario, [controller], {}, period, measured=[()]))
-    return found.of(controller.name, margins.HELD)[0], found.of(controller.name, margins.MEASURED)[
-        0
-    ]
+    return tuple(found.of(controller.name, x)[0] for x in (margins.HELD, margins.MEASURED))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
-def test_margin_and_measurement_agree(name: str) -> None:
+def test_margin_and_measurement_agree_and_a_wrong_margin_is_found_out(name: str) -> None:
     linear, found = measured(CONTROLLERS[name], plant(0.5, 0.2))
     assert margins.agree(linear, found)
     assert abs(margins.difference(linear, found)) < 2e-3  # far within REACH
-
-
-@pytest.mark.slow
-def test_a_wrong_margin_is_found_out() -> None:
-    linear, found = measured(LQR, plant(1.0, 0.5))
-    wrong = replace(linear, delay=linear.delay * (1.0 + 2.0 * margins.REACH))
+    off = 1.0 + 2.0 * margins.REACH
+    wrong = replace(linear, delay=linear.delay * off)
     assert not margins.agree(wrong, found)
-    assert margins.difference(wrong, found) == pytest.approx(
-        1.0 / (1.0 + 2.0 * margins.REACH) - 1.0, abs=2e-3
-    )
+    assert margins.difference(wrong, found) == pytest.approx(1.0 / off - 1.0, abs=2e-3)
 
 
 @pytest.mark.slow
@@ -193,26 +165,22 @@ def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -
 
 def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
     functions = {
-        "memory": Remembering,
-        "biased": lambda time, state, belief: 1.0 + state[1],
+        "memory": Remembering, "biased": lambda time, state, belief: 1.0 + state[1],
         "kinked": lambda time, state, belief: 50.0 * max(state[1], 0.0),
-    }
+    }  # fmt: skip
     own = [PythonController(name=name, function=one) for name, one in functions.items()]
     alone = margins.run(margins.Request(AT_REST, [LQR], GRID))
     found = margins.run(margins.Request(AT_REST, [own[0], own[1], LQR, own[2]], GRID).require())
     assert found.rows == alone.rows
     assert found.not_linear["memory"] == "has a memory, which a linearisation leaves out"
     rule = "must hold the plant at its target, got z accelerates by"
-    assert rule in found.not_linear["biased"]
-    assert "must be smooth" in found.not_linear["kinked"]
+    assert rule in found.not_linear["biased"] and "must be smooth" in found.not_linear["kinked"]
     with pytest.raises(InvalidValueError, match=rule):
         margins.Request(AT_REST, own[1:2], GRID).require()
     late = PythonController(name="late", function=partial(Remembering, 1.0))
     refused = margins.measure((margins.Point(replace(late, stateful=True), AT_REST), (), False))
     assert "must hold the plant at its target, got z accelerates by 0.98" in str(refused)
 
-
-# Any plant
 
 QUADROTOR = Path(__file__).parents[2] / "examples" / "quadrotor_load.toml"
 
@@ -253,12 +221,10 @@ def test_a_plant_that_is_not_held_at_its_target_is_refused() -> None:
     rule = "hold the plant at its target, got z accelerates by"
     with pytest.raises(InvalidValueError, match=rule):
         margins.Request(heavy, [LQR], {}).require()
-    weak = replace(scenario, imperfections=Imperfections(input_limit=2.0))
+    weak = replace(scenario, imperfections=afl.Imperfections(input_limit=2.0))
     with pytest.raises(InvalidValueError, match=r"within -2 to 2, got left = 5.0"):
         margins.Request(weak, [LQR], {}).require()
 
-
-# What is shown
 
 MADE_UP = study_results.margins()
 

@@ -1,5 +1,3 @@
-"""Monte Carlo: rates, every failure replayed from its file, controllers that break down."""
-
 import json
 import math
 import shlex
@@ -15,9 +13,7 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
@@ -33,8 +29,8 @@ HEAVY = afl.Scenario(
     schedule={"pole_mass": 0.2, "cart_mass": afl.constant(8.0), "half_length": afl.constant(1.5)},
     duration=4.0,
     initial_state=(0.0, 0.2, 0.0, 0.0),
-    imperfections=Imperfections(control_period=0.01, delay=0.004),
-    requirements=Requirements(max={"z": 0.5, "force": 150.0}),
+    imperfections=afl.Imperfections(control_period=0.01, delay=0.004),
+    requirements=afl.Requirements(max={"z": 0.5, "force": 150.0}),
     ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, rates={"cart_mass": 4.0}),
 )
 SPACE = SampleSpace(HEAVY)
@@ -66,8 +62,7 @@ def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy) -> 
     passed = sum(not one.failure for one in runs)
     assert 0 < passed < 20
     share, low, high = heavy.rates["lqr"]["passes"]
-    assert share == passed / 20
-    assert low == pytest.approx(beta.ppf(0.025, passed, 21 - passed))
+    assert share == passed / 20 and low == pytest.approx(beta.ppf(0.025, passed, 21 - passed))
     assert high == pytest.approx(beta.ppf(0.975, passed + 1, 20 - passed))
     assert "misses “|z| at most”" in to_text(montecarlo.report(heavy).blocks)
     assert f"lqr passes {100 * share:.3g} %" in montecarlo.report(heavy).headline
@@ -109,9 +104,6 @@ def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch
     assert replace(again, draw=one.draw) == one
 
 
-# Controllers that break down
-
-
 def hangs(t, state, belief):
     while True:
         pass
@@ -123,15 +115,11 @@ def raises(t, state, belief):
     return ADAPTIVE.force(state, belief)
 
 
-@pytest.mark.parametrize(
-    ("function", "message"),
-    [
-        (raises, "raised RuntimeError at t = "),
-        (lambda t, x, b: np.zeros(2), "must return one number at t = 0 s, got an array of shape"),
-        (hangs, "must answer within 0.05 s (--call-limit), but did not at t = 0 s"),
-    ],
-    ids=["raises", "wrong shape", "hangs"],
-)
+@pytest.mark.parametrize(("function", "message"), [
+    (raises, "raised RuntimeError at t = "),
+    (lambda t, x, b: np.zeros(2), "must return one number at t = 0 s, got an array of shape"),
+    (hangs, "must answer within 0.05 s (--call-limit), but did not at t = 0 s"),
+], ids=["raises", "wrong shape", "hangs"])  # fmt: skip
 def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(function, message) -> None:
     limits = dict.fromkeys(("call_limit", "first_call_limit"), 5.0 if function is raises else 0.05)
     own = PythonController(name="broken", function=function, **limits)
@@ -147,11 +135,7 @@ def test_a_controller_without_a_force_ends_the_run_as_a_failure() -> None:
     assert {one.failure for one in run(asked(own, samples=3)).runs["nan"]} == {"diverged"}
 
 
-# The folder of the scenario files
-
-
 def failing(heavy: montecarlo.Result, *numbers: int, **more) -> montecarlo.Result:
-    """A result in which just these samples of lqr failed."""
     fell = next(one for one in heavy.rows if one.failure)
     good = next(one for one in heavy.rows if not one.failure)
     rows = [replace(fell if i in numbers else good, controller="lqr", draw=i) for i in range(150)]
@@ -183,8 +167,7 @@ def test_a_file_of_somebody_elses_is_not_lost(heavy, tmp_path, name) -> None:
     ):
         with pytest.raises(FileError, match="was not written by this study, which replaces its"):
             deed()
-    assert theirs.read_text() == "mine"
-    assert "montecarlo/lqr/failure-0003.toml" in written(tmp_path)
+    assert theirs.read_text() == "mine" and "montecarlo/lqr/failure-0003.toml" in written(tmp_path)
 
 
 @pytest.mark.parametrize("when", ["writing", "moving"])
@@ -204,9 +187,6 @@ def test_a_write_that_is_broken_off_leaves_what_was_there(heavy, tmp_path, monke
         montecarlo.write_files(failing(heavy, 5, 6), tmp_path)
     assert written(tmp_path) == {"montecarlo/lqr/failure-0003.toml"}
     assert [path.name for path in tmp_path.iterdir()] == [montecarlo.FOLDER]
-
-
-# The command line
 
 
 @pytest.mark.slow

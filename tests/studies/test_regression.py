@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-from pathlib import Path
 
 import pytest
 
@@ -46,7 +45,7 @@ def by_name(*baselines: regression.Baseline) -> dict[str, regression.Baseline]:
 
 
 @pytest.fixture
-def baselines(tmp_path: Path) -> Path:
+def baselines(tmp_path):
     regression.update_baselines(tmp_path, {}, by_name(made(), made("nominal")))
     return tmp_path
 
@@ -57,40 +56,29 @@ def shifted(column: int, by: float) -> regression.Recording:
     return recording(rows=(ROWS[0], tuple(last)))
 
 
-@pytest.mark.parametrize(
-    ("run", "moved"),
-    [
-        # a metric may move by a millionth, by round-off where it is zero, by one sample of time
-        (recording(objective=2.5 * (1 + 5e-7)), []),
-        (recording(objective=2.5 * (1 + 2e-6)), ["objective"]),
-        (recording(force_squared=67.5 * (1 - 2e-6)), ["force_squared"]),
-        (recording(overshoot_z=5e-10), []),
-        (recording(overshoot_z=2e-9), ["overshoot_z"]),
-        (recording(settling_2pc_z=6.112 - H), []),
-        (recording(settling_2pc_z=6.112 + 2 * H), ["settling_2pc_z"]),
-        (recording(saturated_share=0.25 + H / 20.0), []),
-        (recording(saturated_share=0.25 + 2 * H / 20.0), ["saturated_share"]),
-        # what comes or goes has moved
-        (recording(settling_5pc_z=7.0), ["settling_5pc_z"]),
-        (recording(settling_2pc_z=None), ["settling_2pc_z"]),
-        (recording(new_metric=1.0), ["has new_metric"]),
-        (recording(outcome="fell"), ["outcome"]),
-        (recording(rows=ROWS[:1]), ["number of instants"]),
-        # the trajectory may move by round-off only
-        (shifted(2, 5e-9), []),
-        (shifted(2, 2e-8), ["phi at 1 instants, first at t = 0.5 s,"]),
-        (shifted(5, 5e-7), []),
-        (shifted(5, 2e-6), ["force at 1 instants, first at t = 0.5 s,"]),
-    ],
-)
+@pytest.mark.parametrize(("run", "moved"), [
+    # a metric may move by a millionth, by round-off where it is zero, by one sample of time
+    (recording(objective=2.5 * (1 + 5e-7)), []), (recording(overshoot_z=5e-10), []),
+    (recording(objective=2.5 * (1 + 2e-6)), ["objective"]),
+    (recording(force_squared=67.5 * (1 - 2e-6)), ["force_squared"]),
+    (recording(overshoot_z=2e-9), ["overshoot_z"]), (recording(settling_2pc_z=6.112 - H), []),
+    (recording(settling_2pc_z=6.112 + 2 * H), ["settling_2pc_z"]),
+    (recording(saturated_share=0.25 + H / 20.0), []),
+    (recording(saturated_share=0.25 + 2 * H / 20.0), ["saturated_share"]),
+    # what comes or goes has moved
+    (recording(settling_5pc_z=7.0), ["settling_5pc_z"]), (recording(outcome="fell"), ["outcome"]),
+    (recording(settling_2pc_z=None), ["settling_2pc_z"]),
+    (recording(new_metric=1.0), ["has new_metric"]),
+    (recording(rows=ROWS[:1]), ["number of instants"]),
+    # the trajectory may move by round-off only
+    (shifted(2, 5e-9), []), (shifted(2, 2e-8), ["phi at 1 instants, first at t = 0.5 s,"]),
+    (shifted(5, 5e-7), []), (shifted(5, 2e-6), ["force at 1 instants, first at t = 0.5 s,"]),
+])  # fmt: skip
 def test_what_moves_by_more_than_its_limit_is_named(run, moved) -> None:
     assert figures(run) == moved
 
 
-# The folder
-
-
-def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines: Path) -> None:
+def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines) -> None:
     fresh = by_name(made(), made("trapezoid-step"))
     comparison = regression.compare(regression.load_baselines(baselines), fresh)
     assert not comparison.passed
@@ -101,7 +89,7 @@ def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines: Path) 
     ]
 
 
-def test_an_update_says_what_moved_and_leaves_what_did_not(baselines: Path) -> None:
+def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
     untouched = (baselines / "step-step.fixed.json").read_bytes()
     fresh = by_name(
         made(python="3.12.1"),  # another host, the same numbers but for the last digits
@@ -124,27 +112,20 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines: Path) -> N
 
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [
-        ("", "Invalid JSON"),
-        ("<<<<<<< HEAD", "Invalid JSON"),
-        ("[]", "must be a table"),
-        ("{}", "scenario is missing"),
-        (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
-        (text(made("other")), "its file must be named other.fixed.json"),
-        (text(made()).replace("59.0", '"fast"'), "must be a number, got 'fast'"),
-        (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
-        (text(made()).replace("2.5", "NaN"), "objective must be finite, got nan"),
-    ],
+    [("", "Invalid JSON"), ("<<<<<<< HEAD", "Invalid JSON"), ("[]", "must be a table"),
+     ("{}", "scenario is missing"),
+     (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
+     (text(made("other")), "its file must be named other.fixed.json"),
+     (text(made()).replace("59.0", '"fast"'), "must be a number, got 'fast'"),
+     (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
+     (text(made()).replace("2.5", "NaN"), "objective must be finite, got nan")],
     ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
-)
+)  # fmt: skip
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(baselines, content, reason) -> None:
     (baselines / "step-step.fixed.json").write_text(content)
     said = line(f"{baselines}/step-step.fixed.json is not a baseline: ", ..., reason, ...)
     with pytest.raises(FileError, match=said):
         regression.load_baselines(baselines)
-
-
-# The runs and the command
 
 
 @pytest.fixture(scope="module")
@@ -162,8 +143,7 @@ def test_a_recording_has_every_reported_run_every_half_second(fresh) -> None:
     assert [list(row) for row in kept.trajectory] == [
         [t, *run.state[i], run.force[i]] for t, i in zip((0.0, 0.5, 1.0), index, strict=True)
     ]
-    assert kept.metrics["objective"] is not None
-    assert kept.settings["timestep"] == H
+    assert kept.metrics["objective"] is not None and kept.settings["timestep"] == H
     assert recorded.versions.keys() >= {"python", "afl_mujoco", "mujoco", "numpy", "scipy", "numba"}
 
 
@@ -174,33 +154,23 @@ def test_workers_and_repetition_do_not_change_a_byte(fresh: dict[str, regression
     assert text(again["short.adaptive.json"]) == text(fresh["short.adaptive.json"])
 
 
-def test_a_plant_a_hundred_thousandth_off_is_noticed(fresh: dict[str, regression.Baseline]) -> None:
+def test_a_plant_a_hair_off_is_noticed_and_a_fall_is_recorded_up_to_its_end(fresh) -> None:
     mass = {"pole_mass": SHORT.pole_mass * (1 + 1e-5)}
     heavier = dataclasses.replace(SHORT, schedule={**SHORT.schedule, **mass})
     moved = regression.record_all([heavier], [afl.CONTROLLERS["adaptive"]])
     found = regression.compare(fresh, moved).changes["short.adaptive.json"]
     assert {change.run.rpartition(" / ")[2] for change in found} == set(REPORTED)
-
-
-def test_a_run_that_fell_is_recorded_up_to_its_end() -> None:
     hit = dataclasses.replace(SHORT, disturbances=(afl.Impulse(momentum=60.0, time=0.7),))
     fallen = regression.record_all([hit], [afl.CONTROLLERS["fixed"]])["short.fixed.json"]
     kept = fallen.runs["mujoco exact"]
-    assert kept.outcome == "fell"
-    assert [row[0] for row in kept.trajectory] == [0.0, 0.5]
+    assert kept.outcome == "fell" and [row[0] for row in kept.trajectory] == [0.0, 0.5]
     assert all(math.isfinite(x) for row in kept.trajectory for x in row if x is not None)
     assert kept.metrics["objective"] is None
 
 
-@pytest.fixture
-def short_command(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_passes_what_it_recorded_and_fails_on_a_change(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("afl_mujoco.scenario.catalogue.SCENARIOS", {"short": SHORT})
     monkeypatch.setattr(regression, "REGRESSED", ("adaptive",))
-
-
-def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
-    tmp_path: Path, short_command: None, capsys: pytest.CaptureFixture[str]
-) -> None:
     command = ["regression", "--baselines", str(tmp_path / "b"), "--workers", "1"]
     assert cli.main([*command, "--update"]) == 0
     path = tmp_path / "b" / "short.adaptive.json"
@@ -216,20 +186,16 @@ def test_the_command_passes_on_what_it_recorded_and_fails_on_a_change(
     output = capsys.readouterr().out.splitlines()
     assert output[0].startswith("moved     short / adaptive / ode: max_force ")
     assert output[-1].startswith("FAIL: 1 figures moved")
-    assert cli.main([*command, "--update"]) == 0
-    assert path.read_bytes() == before
+    assert cli.main([*command, "--update"]) == 0 and path.read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("--baselines none", "baseline folder none must exist; make baselines makes it"),
-        ("--baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-        ("--update --baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-        ("--update --baselines /proc/afl", "output folder /proc/afl cannot be written"),
-        ("--baselines bad/x.json", "baseline folder bad/x.json must exist"),
-    ],
-)
+@pytest.mark.parametrize(("line", "message"), [
+    ("--baselines none", "baseline folder none must exist; make baselines makes it"),
+    ("--baselines bad", "bad/x.json is not a baseline: scenario is missing"),
+    ("--update --baselines bad", "bad/x.json is not a baseline: scenario is missing"),
+    ("--update --baselines /proc/afl", "output folder /proc/afl cannot be written"),
+    ("--baselines bad/x.json", "baseline folder bad/x.json must exist"),
+])  # fmt: skip
 def test_a_bad_folder_is_one_line_and_exit_2(tmp_path, refuses, line, message) -> None:
     (tmp_path / "bad").mkdir()
     (tmp_path / "bad" / "x.json").write_text("{}")

@@ -1,5 +1,3 @@
-"""One row a run: how it is judged, how bad it was, what a file keeps of it."""
-
 import json
 from dataclasses import replace
 
@@ -10,7 +8,6 @@ import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.files import as_plain, parse_json
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.attraction import Result as Map
@@ -43,28 +40,23 @@ def limited(*margins: float, **values) -> Run:
     return made(requirements=found, **values)
 
 
-def test_severity_ranks_failures_before_survivors_and_early_falls_first() -> None:
+def test_severity_is_what_its_words_say_and_ranks_early_falls_first() -> None:
     order = [made(), made(metrics={"peak_phi": 1.5, "iae_phi": 20.0}), made("fell", 19.0),
              made("diverged", 0.5), made(CONTROLLER_FAILED)]  # fmt: skip
     severities = [run.severity(NOMINAL) for run in order]
-    assert severities == sorted(set(severities))
-    assert severities[1] < 1.0 < severities[2]
-
-
-def test_severity_is_what_its_words_say() -> None:
+    assert severities == sorted(set(severities)) and severities[1] < 1.0 < severities[2]
     survivor = made(metrics={"peak_phi": 1.2, "iae_phi": 8.0})
     assert survivor.severity(NOMINAL) == pytest.approx(0.5 * (1.2 + 0.4) / FALL_ANGLE)
     assert made("fell", 15.0).severity(NOMINAL) == pytest.approx(2.25)
     order = [limited(0.75, 0.5), limited(0.25, 0.75), limited(0.0), limited(0.75, -0.05),
              limited(-5.0, 0.5), made("fell", 19.0), made("fell", 1.0)]  # fmt: skip
     severities = [run.severity(NOMINAL) for run in order]
-    assert severities == sorted(severities)
-    assert severities[:3] == pytest.approx([0.5, 0.75, 1.0])
+    assert severities == sorted(severities) and severities[:3] == pytest.approx([0.5, 0.75, 1.0])
     assert [bool(run.failure) for run in order] == [False] * 3 + [True] * 4
 
 
 def test_a_row_is_of_the_run_of_the_simulator() -> None:
-    late = Imperfections(delay=0.004)
+    late = afl.Imperfections(delay=0.004)
     peak = np.abs(afl.simulate_mujoco(replace(NEAR, imperfections=late), LQR).state[:, 0]).max()
     rail = replace(late, end_stops={"z": 0.999 * float(peak)})
     steep = (0.0, 1.5, 0.0, 0.0)

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import afl_mujoco as afl
@@ -12,7 +11,6 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import run_all
@@ -32,15 +30,8 @@ OWN = replace(
 NAMES = [one.name for one in IMPERFECTIONS]
 
 
-def simulated(controller, **options: float) -> afl.Trajectory:
-    return afl.simulate_mujoco(replace(CASE, imperfections=IDEAL.changed(options)), controller)
-
-
 def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
     return robustness.sweep(robustness.SweepUnit(name, controller, scenarios, settings))
-
-
-# What a level is
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -97,18 +88,14 @@ def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
     assert len(robustness.seeds(False, CASES, SETTINGS)) == 1
 
 
-@pytest.mark.parametrize(
-    ("own", "put", "found"),
-    [
-        ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
-        ({"input_limit": 60.0}, {"input_limit": 1000.0}, {"input_limit": 60.0}),
-        ({"input_limit": 60.0}, {"input_limit": 50.0}, {"input_limit": 50.0}),
-        ({}, {"input_limit": 50.0}, {"input_limit": 50.0}),
-        ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
-        ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
-    ],
-    ids=str,
-)
+@pytest.mark.parametrize(("own", "put", "found"), [
+    ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
+    ({"input_limit": 60.0}, {"input_limit": 1000.0}, {"input_limit": 60.0}),
+    ({"input_limit": 60.0}, {"input_limit": 50.0}, {"input_limit": 50.0}),
+    ({}, {"input_limit": 50.0}, {"input_limit": 50.0}),
+    ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
+    ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
+], ids=str)  # fmt: skip
 def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None:
     scenario = replace(CASE, imperfections=IDEAL.changed(own))
     (on_top,) = robustness.on_hardware((scenario,), [put])
@@ -122,25 +109,15 @@ def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found
     assert on_top.belief.error("cart_mass_error") == pytest.approx(found)
 
 
-@pytest.mark.parametrize(
-    ("name", "own", "reference"),
-    [
-        ("delay", {}, 0.002),
-        ("delay", {"delay": 0.001}, 0.002),
-        ("delay", {"delay": 0.04}, 0.04),
-        ("input_limit", {"input_limit": 60.0}, 50.0),
-        ("input_limit", {"input_limit": 20.0}, 20.0),
-        ("combined", {"delay": 0.04}, 1.0),
-    ],
-)
+@pytest.mark.parametrize(("name", "own", "reference"), [
+    ("delay", {}, 0.002), ("delay", {"delay": 0.001}, 0.002), ("delay", {"delay": 0.04}, 0.04),
+    ("input_limit", {"input_limit": 60.0}, 50.0), ("input_limit", {"input_limit": 20.0}, 20.0),
+    ("combined", {"delay": 0.04}, 1.0),
+])  # fmt: skip
 def test_the_reference_is_no_milder_than_the_scenario(name, own, reference) -> None:
     scenario = replace(CASE, imperfections=IDEAL.changed(own))
-    assert (
-        robustness.referred(robustness.find_imperfection(name), (scenario,)).reference == reference
-    )
-
-
-# What a sweep finds
+    one = robustness.find_imperfection(name)
+    assert robustness.referred(one, (scenario,)).reference == reference
 
 
 def test_every_level_is_run_with_every_seed_of_the_noise_and_every_scenario(monkeypatch) -> None:
@@ -176,13 +153,12 @@ def test_where_a_scenario_has_requirements_they_decide() -> None:
     wide = replace(OWN, requirements=afl.Requirements(max={"z": 50.0}))
     narrow = replace(OWN, requirements=afl.Requirements(max={"z": 0.5}))
     for scenario, failure in ((wide, ""), (narrow, "max.z")):
-        (one,) = robustness.run_bare(
-            robustness.SweepUnit("", LQR, (scenario,), replace(SETTINGS, seeds=1))
-        )
+        alone = replace(SETTINGS, seeds=1)
+        (one,) = robustness.run_bare(robustness.SweepUnit("", LQR, (scenario,), alone))
         assert one.failure == failure
     (steep,) = run_all(LQR, [replace(narrow, initial_state=(0.0, 1.5, 0.0, 0.0))])
     assert steep.failure == "fell"
-    hard = replace(CALM, requirements=Requirements(max={"phi": 0.09, "force": 1.0}))
+    hard = replace(CALM, requirements=afl.Requirements(max={"phi": 0.09, "force": 1.0}))
     assert run_all(ADAPTIVE, [hard])[0].failure == "max.force"  # the angle only by 11 %
 
 
@@ -192,12 +168,12 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     def broken(time, state, belief):
         raise ValueError("my own problem")
 
-    near = replace(CALM, duration=3.0, requirements=Requirements(max={"force": 3.0, "phi": 1.0}))
+    limits = afl.Requirements(max={"force": 3.0, "phi": 1.0})
+    near = replace(CALM, duration=3.0, requirements=limits)
     controllers = [
-        LQR,
-        PythonController(name="mine", function=broken),
+        LQR, PythonController(name="mine", function=broken),
         PythonController(name="weak", function=lambda time, x, belief: -4.0 * x[1]),
-    ]
+    ]  # fmt: skip
     settings = robustness.Settings(scan=3, tolerance=0.5, seeds=1)
     found = run(Request(controllers, (near,), settings, ["delay"]))
     assert found.controllers == [] and found.sweeps == ()
@@ -207,7 +183,7 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     assert "No controller survives step-step as it is." in text
     assert "my own problem" in text and "misses “|F| exerted at most”" in text
 
-    mild = replace(near, requirements=Requirements(max={"force": 60.0}))
+    mild = replace(near, requirements=afl.Requirements(max={"force": 60.0}))
     found = run(Request(controllers, (mild,), settings, ["delay"]))
     assert found.controllers == ["lqr"]
     assert found.sweep("delay", "lqr").survives.fails_at is not None
@@ -216,30 +192,13 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
 
 
 @pytest.mark.slow
-def test_the_rail_must_be_as_long_as_the_ideal_run_needs() -> None:
-    found = swept("end_stops.z")
-    peak = np.abs(simulated(LQR).state[:, 0]).max()
-    assert found.survives.fails_at < peak <= found.survives.holds_at
-    assert found.survives.holds_at / found.survives.fails_at <= 1.05
-    assert found.failure[0].failure == "end_stops"
-    (reference,) = found.reference
-    assert reference.failure == "fell"  # after it hit the stop
-    far = np.abs(simulated(LQR).state[:, 0]) >= robustness.KNOWN["end_stops.z"].reference
-    assert reference.time > 1e-3 * np.flatnonzero(far)[0]
-
-
-@pytest.mark.slow
-def test_the_worst_of_the_scenarios_counts() -> None:
+def test_the_worst_of_the_scenarios_counts_for_any_number_of_workers() -> None:
     gentle = replace(CASE, name="gentle", initial_state=(0.0, -0.01, 0.0, 0.0))
     alone, both = swept("input_limit"), swept("input_limit", scenarios=(gentle, CASE))
     assert both.survives == alone.survives
     assert [one.scenario for one in both.failure if one.failure] == ["step-step"]
     easy = swept("input_limit", scenarios=(gentle,))
     assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
-
-
-@pytest.mark.slow
-def test_the_numbers_do_not_depend_on_the_workers() -> None:
     done: list[tuple] = []
     settings = replace(SETTINGS, scan=3, tolerance=0.5)
     asked = Request([LQR, ADAPTIVE], (replace(CASE, duration=2.0),), settings, ("delay", "noise"))
@@ -248,9 +207,6 @@ def test_the_numbers_do_not_depend_on_the_workers() -> None:
     assert [step[1:] for step in done] == [(k, 4) for k in range(5)]
     assert done[1][0] == "sweeping: lqr, transport delay"
     assert one.sweep("noise", "adaptive").imperfection == "noise"
-
-
-# Bad input, the command line
 
 
 CONTROLLER = "def push(time, state, belief):\n    return 20.0 * state[1] + 4.0 * state[3]\n"
@@ -279,9 +235,7 @@ def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_li
     }  # fmt: skip
 
 
-def test_a_ctrl_c_writes_the_imperfections_that_are_whole_beside_an_older_result(
-    monkeypatch, tmp_path
-) -> None:
+def test_a_ctrl_c_writes_the_imperfections_that_are_whole_by_themselves(monkeypatch, tmp_path):
     """And ends with 130; the second imperfection is interrupted between its two controllers."""
     done = []
 

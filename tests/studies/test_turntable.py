@@ -46,11 +46,8 @@ def slowing(time, state, belief):
     return -0.05 * state[3]
 
 
-def test_an_lqr_is_weighted_by_the_bands_that_the_file_gives() -> None:
+def test_an_lqr_is_weighted_by_bands_and_a_spinning_wheel_takes_no_margin() -> None:
     assert lqr_of(WHEEL).largest == (0.5, 30.0, 2.5, 150.0)
-
-
-def test_a_coordinate_that_nothing_depends_on_takes_nothing_from_the_margins() -> None:
     loop = linearize(bound(afl.control.catalogue.as_controller(slowing), WHEEL), WHEEL)
     assert loop.a.shape == (4, 4) and not loop.stable
     (found,) = loop_margins(loop) or [None]
@@ -59,13 +56,10 @@ def test_a_coordinate_that_nothing_depends_on_takes_nothing_from_the_margins() -
     assert held is not None and 0.0 < held.delay
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("0.01 * v[1]", "0.01 * (v[0] + v[1])", "has +0.01 pole_dot more: a relative rate in its"),
-        ("+ 0.5 * 0.4**2", "", ", or "),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("0.01 * v[1]", "0.01 * (v[0] + v[1])", "has +0.01 pole_dot more: a relative rate in its"),
+    ("+ 0.5 * 0.4**2", "", ", or "),
+])  # fmt: skip
 def test_a_mistake_has_its_name_or_those_that_look_alike(old, new, said) -> None:
     source = inspect.getsource(terms)
     assert source.count(old) == 1
@@ -76,13 +70,10 @@ def test_a_mistake_has_its_name_or_those_that_look_alike(old, new, said) -> None
     assert "parameters that vary would tell" in headline  # of this plant none does
 
 
-def test_check_says_in_the_headline_that_gravity_is_compensated() -> None:
+def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> None:
     model = MODEL.replace('name="wheel" pos', 'name="wheel" gravcomp="1" pos')
     assert afl.check(PLANT, 20).headline.endswith(("e-16", "e-15"))
     assert "left out: gravity compensation" in afl.check(replace(PLANT, model=model), 20).headline
-
-
-def test_a_map_of_an_angle_with_a_wide_band_goes_half_a_turn_by_default() -> None:
     assert attraction._reach("max_angle", None, "wheel", WHEEL) == pytest.approx(np.pi)
 
 

@@ -1,24 +1,21 @@
-"""A controller with the estimator: the loop on hardware whose M and l are unknown."""
-
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+import afl_mujoco as afl
 from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
 from afl_mujoco.control import estimator
 from afl_mujoco.control.controller import compiled_force
 from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import new_run, no_commands, sense
-from afl_mujoco.simulation.sampled.rollouts import run_rollouts
 from afl_mujoco.simulation.sampled.runs import prepare, simulate_estimated, timing_of
 
-REAL = Imperfections(
+REAL = afl.Imperfections(
     noise={"z": 1e-4, "phi": 5e-4}, control_period=0.002, delay=0.003, lag=0.004,
     input_limit=8.0, seed=4,
 )  # fmt: skip
@@ -67,28 +64,34 @@ def by_hand(scenario, controller):
 
 @pytest.mark.parametrize("sensed", [False, True], ids=["commanded", "sensed"])
 def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, sensed):
-    """And the estimator gets only as much of the force as real hardware knows."""
     settings = replace(SETTINGS, force_sensed=sensed)
     estimating = EstimatedController(name="estimating", controller=adaptive, settings=settings)
     scenario = replace(odd_scenario, imperfections=REAL)
     run = simulate_mujoco(scenario, estimating, "sampled")
     states, forces, (mass, length) = by_hand(scenario, estimating)
     assert run.state.tobytes() == states.tobytes()
-    assert run.force.tobytes() == forces.tobytes()
-    assert run.outcome.kind == "completed"
+    assert run.force.tobytes() == forces.tobytes() and run.outcome.kind == "completed"
     truth = scenario.parameters_at(scenario.duration)
     assert mass == pytest.approx(truth.cart_mass, rel=0.5)  # that it learns is for its own tests
     assert length == pytest.approx(truth.half_length, rel=0.5)
 
 
-def test_rollouts_estimate_the_same(odd_scenario, estimating):
+def test_rollouts_estimate_the_same_and_estimates_along_a_run_can_be_kept(odd_scenario, estimating):
     scenarios = [replace(odd_scenario, imperfections=replace(REAL, seed=s)) for s in range(4)]
-    one, two = (run_rollouts(scenarios, estimating, threads=threads) for threads in (1, 2))
+    one, two = (afl.run_rollouts(scenarios, estimating, threads=threads) for threads in (1, 2))
     for i, scenario in enumerate(scenarios):
         run = simulate_mujoco(scenario, estimating, "sampled")
         assert one.peak_phi[i] == two.peak_phi[i] == np.abs(run.state[:, 1]).max()
         assert one.outcome(i) == two.outcome(i) == run.outcome
     assert len(set(one.iae_phi.tolist())) == 4
+    scenario = replace(odd_scenario, imperfections=REAL)
+    kept = simulate_estimated(scenario, estimating)
+    run = simulate_mujoco(scenario, estimating, "sampled")
+    assert kept.run.state.tobytes() == run.state.tobytes()
+    np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)
+    _, _, last = by_hand(scenario, estimating)
+    assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
+    assert (kept.cart_mass[-1], kept.half_length[-1]) == last
 
 
 def test_only_a_compiled_controller_without_constant_parameters_can_use_it(estimating):
@@ -100,27 +103,14 @@ def test_only_a_compiled_controller_without_constant_parameters_can_use_it(estim
         EstimatedController(name="x", controller=CONTROLLERS["adaptive-nominal"])
 
 
-def test_errors_of_the_assumed_parameters_do_not_reach_it(odd_scenario, estimating):
+def test_assumed_parameters_do_not_reach_it_and_it_runs_nowhere_else(odd_scenario, estimating):
     errors = {"cart_mass": {"error": 20.0}, "half_length": {"error": -0.99}}
-    wrong = replace(odd_scenario, imperfections=Imperfections(parameter_delay=0.5), belief=errors)
+    late = afl.Imperfections(parameter_delay=0.5)
+    wrong = replace(odd_scenario, imperfections=late, belief=errors)
     one, two = (simulate_mujoco(s, estimating, "sampled") for s in (odd_scenario, wrong))
     assert one.state.tobytes() == two.state.tobytes()
-
-
-def test_it_runs_nowhere_else(odd_scenario, estimating):
     rule = r'^controller .estimating. .*only mode "sampled"'
     with pytest.raises(InvalidValueError, match=rule):
         simulate_ode(odd_scenario, estimating)
     with pytest.raises(InvalidValueError, match=rule):
         simulate_mujoco(odd_scenario, estimating, "exact")
-
-
-def test_estimates_along_a_run_can_be_kept_and_changes_nothing(odd_scenario, estimating):
-    scenario = replace(odd_scenario, imperfections=REAL)
-    kept = simulate_estimated(scenario, estimating)
-    run = simulate_mujoco(scenario, estimating, "sampled")
-    assert kept.run.state.tobytes() == run.state.tobytes()
-    np.testing.assert_allclose(kept.time, np.arange(400) * 0.002)
-    _, _, last = by_hand(scenario, estimating)
-    assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
-    assert (kept.cart_mass[-1], kept.half_length[-1]) == last

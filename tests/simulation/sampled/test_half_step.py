@@ -10,13 +10,15 @@ from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 LEVELS = 4
 
 FAST = afl.Scenario(
-    name="fast", duration=2.0,
+    name="fast",
+    duration=2.0,
     schedule={
         "cart_mass": afl.staircase([0.5], [0.1, 0.3]),
         "half_length": afl.staircase([1.0], [0.05, 0.1]),
     },
-    initial_state=(0.0, 0.2, 0.0, 0.0), imperfections=Imperfections(control_period=0.002),
-)  # fmt: skip
+    initial_state=(0.0, 0.2, 0.0, 0.0),
+    imperfections=Imperfections(control_period=0.002),
+)
 """A light cart and a short pole, on which damping and inertias act fastest."""
 
 PASSIVE = ("damping.z", "damping.phi", "dry_friction.z", "armature.phi", "end_stops.z")

@@ -56,14 +56,8 @@ def states(random_states):
     return random_states[:50]
 
 
-# Sensors
-
-
-def test_ideal_sensors_read_the_state(model, states):
+def test_sensors_read_the_state_and_noise_is_added_at_the_scale_of_its_channel(model, states):
     assert (measured(model, Imperfections(), states) == states).all()
-
-
-def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     scales = np.array([0.01, 0.02, 0.3, 0.4])
     names = ("noise.z", "noise.phi", "noise.z_dot", "noise.phi_dot")
     noisy = IDEAL.changed({**dict(zip(names, scales.tolist(), strict=True)), "seed": 5})
@@ -72,7 +66,7 @@ def test_noise_is_added_at_the_scale_of_its_channel(model, states):
     np.testing.assert_allclose(added, scales * drawn, rtol=0, atol=1e-14)
 
 
-def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
+def test_an_encoder_rounds_and_differentiated_velocities_are_its_differences(model, states):
     seen = measured(model, Imperfections(encoder_step={"z": 0.01, "phi": 0.03}), states)
     for column, size in ((0, 0.01), (1, 0.03)):
         counts = seen[:, column] / size
@@ -80,9 +74,6 @@ def test_an_encoder_rounds_to_the_nearest_of_its_steps(model, states):
         error = np.abs(seen[:, column] - states[:, column])
         assert 0.3 * size < error.max() <= 0.5 * size * (1 + 1e-9)
     assert (seen[:, 2:] == states[:, 2:]).all()
-
-
-def test_differentiated_velocities_are_differences_of_what_the_encoders_say(model, states):
     encoders = {"encoder_step.z": 0.01, "noise.z": 0.002, "encoder_step.phi": 0.03}
     real = IDEAL.changed({**encoders, "noise.z_dot": 9.0, "differentiated": True})
     seen = measured(model, real, states)
@@ -115,12 +106,9 @@ def delivered(**imperfections):
     return H * np.cumsum(forces(Imperfections(**imperfections), np.full(100, 7.0)))
 
 
-def test_an_ideal_actuator_exerts_the_command():
+def test_an_actuator_exerts_the_command_and_a_limit_cuts_off_both_signs():
     commands = np.array([3.0, -700.0, 1e5, -0.1])
     assert (forces(Imperfections(), commands) == commands).all()
-
-
-def test_the_force_limit_cuts_off_both_signs():
     commands, limited = [3.0, -70.0, math.inf, -math.inf, 12.5], Imperfections(input_limit=12.5)
     assert forces(limited, commands).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]
     assert math.isnan(hardware.within_reach(drive_of(limited, 9)[0], math.nan))
@@ -138,16 +126,12 @@ def test_a_step_rises_with_the_lag_of_the_actuator(lag):
     np.testing.assert_allclose(delivered(lag=lag), expected, rtol=1e-11)
 
 
-def test_the_slew_rate_limits_every_change():
+def test_the_slew_rate_limits_every_change_and_a_limited_force_comes_back_at_once():
     commands = np.array([5.0] * 10 + [-5.0] * 30)
     force = forces(Imperfections(slew_rate=1000.0), commands)
     np.testing.assert_allclose(force[:6], [0.5, 1.5, 2.5, 3.5, 4.5, 5.0])  # means of a ramp
     np.testing.assert_allclose(np.diff(force[10:20]), -1.0)  # 1000 N/s for 1 ms
-    assert force[9] == 5.0
-    assert force[-1] == -5.0
-
-
-def test_a_limited_force_comes_back_at_once_where_an_unlimited_one_must_first_unwind():
+    assert force[9] == 5.0 and force[-1] == -5.0
     commands = np.array([100.0] * 20 + [-100.0] * 4)
     real = Imperfections(slew_rate=1000.0, input_limit=10.0)
     assert forces(real, commands)[19:].tolist() == [10.0, 9.5, 8.5, 7.5, 6.5]
@@ -181,14 +165,10 @@ def fine_chain(real, commands, fine):
 
 
 @pytest.mark.parametrize("name", CHAINS)
-def test_every_step_gets_the_mean_of_what_a_fine_simulation_of_the_chain_gives(name, rng):
+def test_mean_peak_square_and_variation_are_those_of_a_fine_simulation_of_the_chain(name, rng):
     commands = 6.0 * rng.normal(size=40)
     expected = fine_chain(CHAINS[name], commands, 2000).reshape(40, 2000).mean(axis=1)
     np.testing.assert_allclose(forces(CHAINS[name], commands), expected, rtol=0, atol=5e-3)
-
-
-@pytest.mark.parametrize("name", CHAINS)
-def test_peak_square_and_variation_are_those_of_the_force_within_the_steps(name, rng):
     commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
     fine, (_, drive) = fine_chain(real, commands, 2000), driven(real, commands)
     assert drive["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)

@@ -34,10 +34,9 @@ def test_each_channel_is_standard_normal_and_white():
     assert np.abs(off_diagonal).max() < 4.5 / np.sqrt(n)  # 28 standard normal numbers / sqrt(n)
 
 
-@pytest.mark.parametrize(
-    ("one", "other"),
-    [((0, 0), (0, 1)), ((0, 0), (1, 0)), ((5, 3), (3, 5)), ((7, 1), (7 + 2**32, 1))], ids=str,
-)  # fmt: skip
+@pytest.mark.parametrize(("one", "other"), [
+    ((0, 0), (0, 1)), ((0, 0), (1, 0)), ((5, 3), (3, 5)), ((7, 1), (7 + 2**32, 1)),
+], ids=str)  # fmt: skip
 def test_another_seed_or_tick_is_other_noise(one, other):
     assert len({*normals(*one), *normals(*other)}) == 8
 

@@ -23,9 +23,8 @@ FULL = Imperfections(
 PASSIVE = {
     "friction": Imperfections(dry_friction={"z": 0.31}),
     "friction of the hinge": Imperfections(dry_friction={"phi": 0.0007}),
-    "stops": Imperfections(end_stops={"z": 1.9}),
-    "everything": FULL,
-}
+    "stops": Imperfections(end_stops={"z": 1.9}), "everything": FULL,
+}  # fmt: skip
 
 INTEGRATORS = pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 
@@ -39,9 +38,6 @@ def motion(plant, imperfections, state, duration, integrator, force=0.0):
         mujoco.mj_step(model.mj_model, data)
         states.append([*data.qpos, *data.qvel])
     return np.array(states)
-
-
-# The model: what is written while it lives is what MuJoCo's compiler makes of an MJCF
 
 
 def _by_hand(p, r):
@@ -116,9 +112,6 @@ def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
             assert getattr(used.mj_model, name).tobytes() == array.tobytes(), name
 
 
-# Friction, damping, stops
-
-
 @INTEGRATORS
 @pytest.mark.parametrize("direction", [1, -1], ids=["right", "left"])
 def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator, direction):
@@ -132,24 +125,24 @@ def test_dry_friction_stops_a_sliding_cart_where_its_energy_is_spent(integrator,
 
 
 @INTEGRATORS
-def test_dry_friction_holds_below_break_away_and_slides_above(integrator):
+def test_dry_friction_holds_below_break_away_and_an_end_stop_holds_the_cart(integrator):
     real, still = Imperfections(dry_friction={"z": 2.2}), (0, HANGING, 0, 0)
     assert abs(motion(LIGHT, real, still, 1.0, integrator, force=2.0)[-1, 2]) < 4e-5  # creep
     sliding = motion(LIGHT, real, still, 1.0, integrator, force=3.0)[-1, 2]
     assert sliding == pytest.approx((3.0 - 2.2) / LIGHT.cart_mass, rel=2e-6)
+    real = Imperfections(end_stops={"z": 0.3})
+    states = motion(LIGHT, real, (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0)
+    assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
+    assert states[-1, 0] == pytest.approx(0.3, abs=2e-5) and abs(states[-1, 2]) < 1e-9
 
 
 @INTEGRATORS
-def test_damping_of_the_rail_decays_exponentially(integrator):
+def test_damping_decays_on_the_rail_and_takes_the_energy_of_a_swing(integrator):
     damping = 0.8
     real = Imperfections(damping={"z": damping})
     states = motion(LIGHT, real, (0, HANGING, 1.1, 0), 1.0, integrator)
     expected = 1.1 * np.exp(-damping / LIGHT.cart_mass)
     assert states[-1, 2] == pytest.approx(expected, rel=1e-6 if integrator == "RK4" else 3e-4)
-
-
-@INTEGRATORS
-def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
     damping, m, length, g = 0.002, HEAVY.pole_mass, HEAVY.half_length, HEAVY.gravity
     inertia = m * (2 * length) ** 2 / 3
     real = Imperfections(damping={"phi": damping})
@@ -158,18 +151,6 @@ def test_damping_of_the_hinge_takes_the_energy_of_a_swing(integrator):
     energy = 0.5 * inertia * states[:, 3] ** 2 + 0.5 * m * g * length * swing**2
     decay = -np.polyfit(H * np.arange(len(energy)), np.log(energy), 1)[0]
     assert decay == pytest.approx(damping / inertia, rel=5e-3)  # the energy ripples twice a swing
-
-
-@INTEGRATORS
-def test_an_end_stop_holds_the_cart(integrator):
-    real = Imperfections(end_stops={"z": 0.3})
-    states = motion(LIGHT, real, (0, HANGING, 1.1, 0), 2.0, integrator, force=5.0)
-    assert 0.3 < states[:, 0].max() < 0.304  # it gives by a few millimetres at a metre per second
-    assert states[-1, 0] == pytest.approx(0.3, abs=2e-5)
-    assert abs(states[-1, 2]) < 1e-9
-
-
-# The spread of mass and inertia
 
 
 @pytest.mark.parametrize("imperfections", [

@@ -45,16 +45,21 @@ def same(one, other):
     return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in FIGURES)
 
 
-def test_the_number_of_threads_and_a_repetition_change_no_bit(scenarios, adaptive):
+def test_threads_and_repetitions_change_no_bit_and_one_error_is_raised(scenarios, adaptive):
     one = afl.run_rollouts(scenarios, adaptive, **SETTINGS)
     for threads in (1, 2, 3):
         assert same(afl.run_rollouts(scenarios, adaptive, threads=threads, **SETTINGS), one)
     assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
+    with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
+        afl.run_rollouts(scenarios, adaptive, threads=0)
+    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
+    with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
+        afl.run_rollouts([*scenarios, tiny], afl.CONTROLLERS["adaptive"], threads=2)
+    with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
+        afl.run_rollouts(scenarios, adaptive, timestep=0.0)
 
 
-def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
-    scenarios, adaptive, tmp_path
-):
+def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptive, tmp_path):
     many = afl.run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
     for i, scenario in enumerate(scenarios):
         afl.save_scenario(scenario, file := tmp_path / "s.toml")
@@ -62,8 +67,7 @@ def test_figures_and_outcome_are_those_of_the_run_that_the_file_replays(
         run = afl.simulate_mujoco(again, adaptive, "sampled", **SETTINGS)
         assert many.outcome(i) == run.outcome
         z, phi = np.abs(run.state[:, :2]).T
-        assert many.peak_z[i] == z.max()
-        assert many.peak_phi[i] == phi.max()
+        assert many.peak_z[i] == z.max() and many.peak_phi[i] == phi.max()
         assert many.max_force[i] == run.metrics["max_force"]
         if run.outcome.kind == "completed":
             theirs = metrics(scenario, adaptive, run)
@@ -81,19 +85,8 @@ def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
     assert many.settling_time[0] == run.time[np.flatnonzero(outside)[-1] + 1]
     hit = afl.simulate_mujoco(narrow, adaptive, "sampled")
     assert many.stop_time[1] == hit.time[np.abs(hit.state[:, 0]) >= 1.0][0]
-    assert hit.outcome.kind == "fell"
-    assert np.isnan(many.stop_time[[0, 2]]).all()
+    assert hit.outcome.kind == "fell" and np.isnan(many.stop_time[[0, 2]]).all()
     assert np.isnan(many.settling_time[[1, 2]]).all()
-
-
-def test_an_error_in_one_run_is_raised(scenarios, adaptive):
-    with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
-        afl.run_rollouts(scenarios, adaptive, threads=0)
-    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
-    with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
-        afl.run_rollouts([*scenarios, tiny], afl.CONTROLLERS["adaptive"], threads=2)
-    with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
-        afl.run_rollouts(scenarios, adaptive, timestep=0.0)
 
 
 def test_requirements_are_judged_as_of_the_single_run(adaptive):

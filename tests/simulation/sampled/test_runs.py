@@ -9,7 +9,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
-from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from tests.engine import jump as jump_of
@@ -33,9 +32,6 @@ def in_python(function):
     return PythonController(name="mine", function=function, call_limit=60.0)  # one compiles
 
 
-# Ideal, it is a plain loop of `mujoco.mj_step`
-
-
 def plain_loop(scenario, controller, hold, integrator):
     """States and forces of the ideal loop, written with nothing but MuJoCo's own functions."""
     model = afl.CartPoleModel(scenario.parameters_at(0.0), timestep=1e-3, integrator=integrator)
@@ -52,7 +48,7 @@ def plain_loop(scenario, controller, hold, integrator):
             force = controller.force(state, scenario.parameters_at(round(start, 9)))
         rows[k] = *state, force
         if k < count:
-            hits = [d for d in scenario.disturbances if not isinstance(d, ForcePulse)]
+            hits = [d for d in scenario.disturbances if not isinstance(d, afl.ForcePulse)]
             hit = next((one for one in hits if int(1e3 * one.time) == k), None)  # never at start
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
             if hit is not None:
@@ -73,7 +69,7 @@ def mean_push(scenario, k):
     """
     push = 0.0
     for one in scenario.disturbances:
-        if isinstance(one, ForcePulse):
+        if isinstance(one, afl.ForcePulse):
             start, end = round(1e4 * one.start) / 10, round(1e4 * one.end) / 10
             push += one.force * max(min(end, k + 1) - max(start, k), 0.0)
     return push
@@ -81,8 +77,7 @@ def mean_push(scenario, k):
 
 @pytest.mark.parametrize(("name", "hold", "integrator"), [
     *(("adaptive", hold, "RK4") for hold in (1, 5, 7)),
-    *((name, 5, "Euler") for name in ("fixed-nominal", "lqr")),
-    ("lqr", 7, "implicit"),
+    *((name, 5, "Euler") for name in ("fixed-nominal", "lqr")), ("lqr", 7, "implicit"),
 ])  # fmt: skip
 def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, integrator):
     controller = afl.CONTROLLERS[name]
@@ -100,16 +95,12 @@ BEYOND = afl.piecewise_linear((-0.3, 1.4), (0.6, 1.1))
 
 @pytest.mark.parametrize(
     "changes",
-    [
-        {"initial_state": (0, -1.6, 0, 0)},
-        {"initial_state": (0, 1.569, 0, 10.0)},
-        {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
-        {"schedule": {"cart_mass": RAMP, "half_length": RAMP}},
-        {"schedule": {"cart_mass": BEYOND, "half_length": BEYOND}},
-        {"disturbances": ()},
-    ],
+    [{"initial_state": (0, -1.6, 0, 0)}, {"initial_state": (0, 1.569, 0, 10.0)},
+     {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
+     {"schedule": {"cart_mass": RAMP, "half_length": RAMP}},
+     {"schedule": {"cart_mass": BEYOND, "half_length": BEYOND}}, {"disturbances": ()}],
     ids=["starts fallen", "no force", "falls", "ramp to the end", "ramp beyond both", "calm"],
-)
+)  # fmt: skip
 @pytest.mark.parametrize("name", ["fixed-nominal", "adaptive"])
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, name, changes):
     schedule = odd_scenario.schedule | changes.get("schedule", {})
@@ -127,9 +118,7 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
 
 
 @pytest.mark.parametrize("imperfections", [IDEAL, REAL], ids=["ideal", "real"])
-def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
-    odd_scenario, controller, imperfections
-):
+def test_a_python_controller_gives_the_compiled_one_s_bits(odd_scenario, controller, imperfections):
     scenario = replace(odd_scenario, imperfections=imperfections)
     compiled = afl.simulate_mujoco(scenario, controller, "sampled")
     mine = in_python(lambda time, state, belief: controller.force(state, belief))
@@ -139,12 +128,15 @@ def test_a_controller_in_python_gives_the_bits_of_the_compiled_one(
 
 def test_assumed_parameters_can_be_late_and_wrong():
     scenario = afl.Scenario(
-        name="late", duration=0.2, imperfections=Imperfections(parameter_delay=0.03),
+        name="late",
+        duration=0.2,
+        imperfections=Imperfections(parameter_delay=0.03),
         schedule={
             "cart_mass": afl.staircase((0.05,), (1.0, 2.0)),
             "half_length": afl.piecewise_linear((0.0, 0.1), (0.4, 0.5)),
-        }, belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
-    )  # fmt: skip
+        },
+        belief={"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}},
+    )
     seen = []
     mine = in_python(lambda time, state, belief: seen.append(belief) or 0.0)
     afl.simulate_mujoco(scenario, mine, "sampled")
@@ -163,9 +155,8 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     mine = in_python(lambda time, state, belief: seen.append(belief.cart_mass) or 0.0)
     mass = afl.staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)])
     hardware = Imperfections(parameter_delay=1e-3 * late)
-    scenario = afl.Scenario(
-        name="late", schedule={"cart_mass": mass}, duration=0.3, imperfections=hardware
-    )
+    known = {"schedule": {"cart_mass": mass}, "imperfections": hardware}
+    scenario = afl.Scenario(name="late", duration=0.3, **known)
     afl.simulate_mujoco(scenario, mine, "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
@@ -186,7 +177,7 @@ def test_the_scenario_s_control_period_is_the_simulator_s(odd_scenario, adaptive
         afl.simulate_mujoco(half, adaptive, timestep=1e-3)
 
 
-def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, adaptive, tmp_path):
+def test_a_real_run_is_replayed_by_its_file_and_forgets_others(odd_scenario, adaptive, tmp_path):
     scenario = replace(odd_scenario, imperfections=REAL)
     afl.save_scenario(scenario, file := tmp_path / "failure.toml")
     other = replace(scenario, imperfections=replace(REAL, seed=8))
@@ -195,9 +186,6 @@ def test_a_real_run_repeats_and_its_file_replays_it_bit_for_bit(odd_scenario, ad
         for one in (scenario, scenario, afl.find_scenario(str(file)), other)
     )
     assert same(run, again) and same(run, replayed) and not same(run, drawn)
-
-
-def test_what_a_model_was_used_for_before_is_of_no_consequence(odd_scenario, adaptive):
     scenario = replace(odd_scenario, imperfections=REAL)
     p, real = scenario.parameters_at(0.0), scenario.imperfections
     fresh, used = (afl.CartPoleModel(p, imperfections=real) for _ in range(2))

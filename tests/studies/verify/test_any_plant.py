@@ -3,15 +3,12 @@
 from dataclasses import replace
 from math import sin
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant, load_plant
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.studies.shared.arrays import packed, unpacked
 from afl_mujoco.studies.validate import Options, Request, Result, prepare, report, run
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
@@ -22,30 +19,26 @@ QUADROTOR, PENDULA, DOUBLE = (
     load_plant(f"{EXAMPLES}/{name}.py:plant")
     for name in ("quadrotor_load", "cart_double_pendulum", "double_pendulum")
 )
-STARTS: dict[str, Any] = {
+STARTS = {
     "quadrotor-load": {
         "initial_state": {"x": -0.3, "cable": 0.2},
-        "schedule": {
-            "load": afl.staircase((1.0,), (0.02, 0.3)),
-            "length": afl.piecewise_linear((0.2, 1.2), (0.5, 0.7)),
-        },
-        "disturbances": (
-            ForcePulse(force=1.0, start=0.4, duration=0.1, coordinate="x"),
-            Impulse(momentum=0.05, time=0.7, coordinate="cable"),
-        ),
-        "requirements": Requirements(target={"z": 0.5}),
+        "schedule": {"load": afl.staircase((1.0,), (0.02, 0.3)),
+                     "length": afl.piecewise_linear((0.2, 1.2), (0.5, 0.7))},
+        "disturbances": (afl.ForcePulse(force=1.0, start=0.4, duration=0.1, coordinate="x"),
+                         afl.Impulse(momentum=0.05, time=0.7, coordinate="cable")),
+        "requirements": afl.Requirements(target={"z": 0.5}),
     },
     "cart-double-pendulum": {"initial_state": {"cart": 0.1, "lower": 0.03}},
     "double-pendulum": {"initial_state": {"shoulder": 3.3, "elbow": 0.1}},
-}
+}  # fmt: skip
 
 
-def scenario_of(plant: Plant, **changes: Any) -> afl.Scenario:
+def scenario_of(plant: Plant, **changes) -> afl.Scenario:
     given = STARTS.get(plant.name, {})
     return afl.Scenario(name="short", plant=plant, **{"duration": 2.0, **given, **changes})
 
 
-def validated(plant: Plant, **changes: Any) -> Result:
+def validated(plant: Plant, **changes) -> Result:
     return run(Request([scenario_of(plant, **changes)], [LQR], Settings()))
 
 
@@ -70,48 +63,41 @@ def test_every_check_holds_on_the_examples(plant: Plant) -> None:
     assert unpacked(Result, *packed(result)).checks == result.checks
 
 
-def with_terms(plant: Plant, change: Any) -> Plant:
-    """Return a plant whose equations are changed, its MJCF as it was."""
-    own: Any = plant.terms
+def with_terms(plant: Plant, change) -> Plant:
+    own = plant.terms
 
-    def terms(q: Any, v: Any, p: Any) -> Any:
+    def terms(q, v, p):
         return change(q, v, p, *own(q, v, p))
 
     return replace(plant, terms=terms)
 
 
-def test_a_wrong_sign_in_the_equations_is_found_in_each_comparison_with_them() -> None:
-    def turned(q: Any, v: Any, p: Any, m: Any, h: Any, b: Any) -> Any:
+def test_a_wrong_sign_is_found_in_each_comparison_and_a_hair_at_random_points() -> None:
+    def turned(q, v, p, m, h, b):
         pull = p.load * p.length * v[3] ** 2 * sin(q[3])
         return m, (h[0] + 2 * pull, *h[1:]), b
 
     result = validated(with_terms(QUADROTOR, turned))
     assert failed(result) == {"A1e", "A1x", "A1c", "A5s", "B1r"}
-    assert not report(result).passed
-    assert "CODES DIFFER" in report(result).headline
+    assert not report(result).passed and "CODES DIFFER" in report(result).headline
     (row,) = (check for check in result.checks if check.id == "A1e")
     assert "bias, x" in row.reason  # what `check` says of it
 
-
-def test_a_mistake_too_small_for_the_run_to_show_is_found_at_random_points() -> None:
-    def heavier(q: Any, v: Any, p: Any, m: Any, h: Any, b: Any) -> Any:
+    def heavier(q, v, p, m, h, b):
         return m, (*h[:3], h[3] + 1e-9 * sin(q[3])), b
 
     result = validated(with_terms(QUADROTOR, heavier))
     assert {"A1e", "A1x"} <= failed(result) and "A1t" not in failed(result)
 
 
-def test_a_plant_without_equations_gets_what_needs_none() -> None:
+def test_without_equations_and_with_requirements_codes_are_compared_by_themselves() -> None:
     result = validated(replace(PENDULA, terms=None))
     ids = ["A1t", "A1c", "A3n", "A4f", "A6f", "B4f", "A10r"]
     assert [check.id for check in result.checks] == ids and result.failed_checks == []
     assert [one.simulator for one in result.runs] == list(REPORTED[1:])
     assert report(result).headline == "CODES AGREE 7/7; model not verified: no equations"
     assert not unpacked(Result, *packed(result)).model_verified
-
-
-def test_requirements_are_of_the_run_as_deployed_and_the_codes_are_compared_without() -> None:
-    limits = Requirements(max={"load_height": 0.1}, target={"z": 0.5})
+    limits = afl.Requirements(max={"load_height": 0.1}, target={"z": 0.5})
     late = afl.Imperfections(delay=0.01)
     result = validated(QUADROTOR, requirements=limits, imperfections=late)
     assert result.failed_checks == [] and not result.passed
@@ -134,26 +120,30 @@ def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path)
         prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
 
 
-def test_the_command_writes_what_it_can_read(tmp_path: Path, command_line) -> None:
+def test_the_command_writes_what_it_can_read_of_late_requirements_too(tmp_path, command_line):
     text = f'plant = "{EXAMPLES}/double_pendulum.py:plant"\nduration = 1.0\n'
     (tmp_path / "own.toml").write_text(text + "initial_state = {shoulder = 3.3}\n")
     code, output, errors = command_line("validate", "own.toml", "--out", "out")
-    assert (code, errors) == (0, "")
-    assert "PASS: CODES AGREE 11/11" in output
+    assert (code, errors) == (0, "") and "PASS: CODES AGREE 11/11" in output
     assert {"report.html", "report.json"} <= {x.name for x in (tmp_path / "out").iterdir()}
-
-
-def test_what_is_required_late_does_not_stop_a_study_of_an_early_part() -> None:
-    asked = Requirements(settling_time=0.4, recover_within=3.0)
-    scenario = scenario_of(PENDULA, duration=4.0, requirements=asked, disturbances=(
-        ForcePulse(force=1.0, start=0.5, duration=0.1),))  # fmt: skip
+    asked = afl.Requirements(settling_time=0.4, recover_within=3.0)
+    scenario = scenario_of(
+        PENDULA,
+        duration=4.0,
+        requirements=asked,
+        disturbances=(afl.ForcePulse(force=1.0, start=0.5, duration=0.1),),
+    )
     assert run(Request([scenario], [LQR], Settings())).failed_checks == []
 
 
 def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: Path) -> None:
     load = {"load": afl.staircase((0.5015,), (0.02, 0.3))}
-    scenario = scenario_of(QUADROTOR, duration=1.0, schedule=load, disturbances=(
-        ForcePulse(force=1.0, start=0.2, duration=0.1037, coordinate="x"),))  # fmt: skip
+    scenario = scenario_of(
+        QUADROTOR,
+        duration=1.0,
+        schedule=load,
+        disturbances=(afl.ForcePulse(force=1.0, start=0.2, duration=0.1037, coordinate="x"),),
+    )
     found = run(Request([scenario], [LQR], Settings(full=True)))
     (budget,) = found.error_budgets
     at = budget.at_worst

@@ -17,37 +17,22 @@ RIGHT = 0.97  # of a range that thousands of draws fill
 FIXED = afl.CONTROLLERS["fixed"]
 
 
-@pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[list[float]]:
-    found: list[list[float]] = []
-    accelerations = SimulatedModel.accelerations
+@pytest.mark.parametrize(("check", "count", "each", "angle"), [
+    (checks.acceleration_error, 2000, 1, np.pi),
+    (checks.asymmetry, 1000, 4, 1.5),  # then mirrored, shifted and scaled; where controllers are
+])  # fmt: skip
+def test_states_are_drawn_all_over_the_space(monkeypatch, check, count, each, angle) -> None:
+    asked, accelerations = [], SimulatedModel.accelerations
 
-    def noted(model: SimulatedModel, state: np.ndarray, force: float) -> object:
-        found.append([*state, force])
+    def noted(model, state, force):
+        asked.append([*state, force])
         return accelerations(model, state, force)
 
     monkeypatch.setattr(SimulatedModel, "accelerations", noted)
-    return found
-
-
-@pytest.mark.parametrize(
-    ("check", "count", "each", "angle"),
-    [
-        (checks.acceleration_error, 2000, 1, np.pi),
-        (
-            checks.asymmetry,
-            1000,
-            4,
-            1.5,
-        ),  # then mirrored, shifted and scaled; where controllers are
-    ],
-)
-def test_states_are_drawn_all_over_the_space(asked, check, count, each, angle) -> None:
     check(np.random.default_rng(0), count)
     here, ends = asked[::each], np.array([10.0, angle, 10.0, 10.0, 200.0])
     assert np.all(np.max(here, axis=0) > RIGHT * ends)
-    assert np.all(np.min(here, axis=0) < -RIGHT * ends)
-    assert np.all(np.abs(here) <= ends)
+    assert np.all(np.min(here, axis=0) < -RIGHT * ends) and np.all(np.abs(here) <= ends)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1.1e-9], ids=["nan", "inf", "above"])
@@ -55,7 +40,7 @@ def test_a_value_that_is_not_below_the_limit_fails(value: float) -> None:
     assert not CRITERIA["B1"].judge(value).passed
 
 
-def test_runs_that_cannot_be_compared_are_infinitely_apart() -> None:
+def test_runs_that_cannot_be_compared_are_far_apart_and_falls_are_until_they_lie() -> None:
     run = afl.simulate_ode(SHORT, FIXED)
     coarse = afl.simulate_ode(SHORT, FIXED, sample_period=2e-3)
     fallen = dataclasses.replace(SHORT, initial_state=(0.0, -1.6, 0.0, 0.0))
@@ -64,9 +49,6 @@ def test_runs_that_cannot_be_compared_are_infinitely_apart() -> None:
     fell = dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
     for pair in ((at_once, at_once), (run, fell), (run, coarse)):
         assert checks.state_difference(*pair) == math.inf
-
-
-def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
     run = afl.simulate_ode(SHORT, FIXED)
     fell = dataclasses.replace(run, outcome=afl.Outcome("fell", float(run.time[-1])))
     shifted = fell.state.copy()
@@ -75,16 +57,13 @@ def test_runs_that_fell_are_compared_until_the_pole_is_nearly_down() -> None:
     assert checks.state_difference(fell, other) == pytest.approx(1e-3)
 
 
-def test_b1_sees_a_cart_that_is_one_part_in_a_million_too_heavy() -> None:
+def test_b1_sees_a_heavier_cart_and_a5_and_b3_a_schedule_half_a_step_late() -> None:
     schedule = SHORT.cart_mass
     heavier = afl.Schedule(schedule.times, tuple(v * (1.0 + 1e-6) for v in schedule.values))
     heavy = dataclasses.replace(SHORT, schedule={**SHORT.schedule, "cart_mass": heavier})
     exact = afl.simulate_mujoco(heavy, FIXED, "exact")
     difference = checks.state_difference(exact, afl.simulate_ode(SHORT, FIXED))
     assert not CRITERIA["B1"].judge(difference).passed
-
-
-def test_a5_and_b3_see_a_schedule_half_a_step_late() -> None:
     own = SHORT.half_length
     later = afl.Schedule(tuple(t + 5e-4 for t in own.times), own.values)
     late = dataclasses.replace(SHORT, schedule={**SHORT.schedule, "half_length": later})
@@ -118,15 +97,12 @@ def test_a1_sees_an_inertia_a_millionth_off(monkeypatch: pytest.MonkeyPatch) -> 
     assert not CRITERIA["A1"].judge(error).passed
 
 
-def test_imperfections_makes_contacts_limits_and_friction_act() -> None:
+def test_every_reference_check_holds_and_imperfections_make_constraints_act() -> None:
     model = afl.CartPoleModel(afl.CartPoleParameters(), edit=checks.add_passive_physics)
     checks._qacc(model.mj_model, model.mj_data, np.array([1.5, 2.0, 0.0, 0.0]))
     kinds = set(model.mj_data.efc_type.tolist())
     assert model.mj_data.ncon > 0
     assert len(kinds) >= 3  # friction loss, joint limit, contact
-
-
-def test_every_reference_check_holds() -> None:
     found = checks.reference_checks()
     assert [check.id for check in found] == ["A4", "A4e", "A8", "A8m", "A8x", "A10"]
     assert all(check.passed for check in found)

@@ -27,20 +27,10 @@ def runs():
     return closed_loop_runs(SHORT, ADAPTIVE, Settings())
 
 
-@pytest.fixture(scope="module")
-def explained(runs):
-    return explanation.explain(SHORT, ADAPTIVE, runs, full=True)
-
-
-def test_everything_holds_on_a_scenario_with_jump_ramp_pulse_and_impulse(explained):
-    assert [c.id for c in explained[0] if not c.passed] == []
-    assert {c.id for c in explained[0]} == {
-        "A6e", "A6p", "B2o", "B4", "B4r", "B4s", "B5", "B6", "B7",
-    }  # fmt: skip
-
-
-def test_the_budget_names_the_held_control_and_its_parts_add_up_at_its_worst(explained):
-    budget = explained[1]
+def test_everything_holds_and_the_budget_names_the_held_control_and_adds_up(runs):
+    checks, budget, _ = explanation.explain(SHORT, ADAPTIVE, runs, full=True)
+    assert [c.id for c in checks if not c.passed] == []
+    assert {c.id for c in checks} == {*"A6e A6p B2o B4 B4r B4s B5 B6 B7".split()}
     parts = (budget.model_form, budget.integrator, budget.schedule_sampling)
     assert budget.control_hold > 100.0 * max(parts)
     assert budget.total == pytest.approx(budget.control_hold, rel=0.05)  # B5
@@ -48,47 +38,13 @@ def test_the_budget_names_the_held_control_and_its_parts_add_up_at_its_worst(exp
     assert worst.pop("unit") == "rad/s"
     assert (worst.pop("state"), 0.0 < worst.pop("time") < SHORT.duration) == ("phi_dot", True)
     total = worst.pop("total")
-    assert abs(total) == budget.total
-    assert sum(worst.values()) == pytest.approx(total, rel=1e-12)
+    assert abs(total) == budget.total and sum(worst.values()) == pytest.approx(total, rel=1e-12)
 
 
-def test_the_budget_stays_open_if_a_source_is_forgotten(runs, monkeypatch):
-    monkeypatch.setattr(
-        explanation, "Holds", lambda control_period=None, **held: Holds(None, **held)
-    )
+def test_the_budget_stays_open_without_a_source_and_an_order_is_an_exponent(runs, monkeypatch):
+    monkeypatch.setattr(explanation, "Holds", lambda control_period=None, **x: Holds(None, **x))
     budget = explanation.error_budget(SHORT, ADAPTIVE, runs)
     assert not CRITERIA["B5"].judge(budget.residual_share).passed
-
-
-def test_the_ledger_stays_open_if_the_ramps_are_not_booked(monkeypatch):
-    monkeypatch.setattr(explanation, "_ramp_power", lambda *_: (0.0, 0.0))
-    energy, momentum = explanation.ledger(SHORT, ADAPTIVE)
-    assert not CRITERIA["A6e"].judge(energy).passed
-    assert not CRITERIA["A6p"].judge(momentum).passed
-
-
-def test_the_ledger_closes_where_a_jump_and_an_impulse_coincide():
-    hit = afl.Impulse(momentum=0.3, time=0.3)
-    struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
-    energy, momentum = explanation.ledger(struck, ADAPTIVE)
-    assert CRITERIA["A6e"].judge(energy).passed
-    assert CRITERIA["A6p"].judge(momentum).passed
-
-
-def test_the_plateau_check_fails_on_a_model_that_matches(monkeypatch):
-    assert explanation.plateau_check().passed
-    monkeypatch.setattr(explanation, "CAPSULE_EXCESS", 0.0)
-    assert not explanation.plateau_check().passed
-
-
-def test_a_run_that_fell_is_not_explained(runs):
-    fell = afl.Outcome("fell", 1.0)
-    fallen = {name: dataclasses.replace(run, outcome=fell) for name, run in runs.items()}
-    assert explanation.error_budget(SHORT, ADAPTIVE, fallen) is None
-    assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == ((), None, None)
-
-
-def test_the_order_of_a_power_law_is_its_exponent_and_of_a_study_that_did_not_finish_none():
     steps = (0.4, 0.2, 0.1, 0.05)
     for errors in ((math.inf, 1.0, 0.5, 0.25), (2.0, 1.0, 0.5, 0.0)):
         assert math.isnan(Study(steps, errors).deviation(1.0))
@@ -97,9 +53,28 @@ def test_the_order_of_a_power_law_is_its_exponent_and_of_a_study_that_did_not_fi
     assert study.reduction == pytest.approx(4.0**-2.5, rel=1e-12)
 
 
-NOTHING = afl.StateFeedback(
-    name="nothing", kind=LINEAR, gains=afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
-)
+def test_the_ledger_closes_at_a_hit_with_a_jump_and_stays_open_without_the_ramps(monkeypatch):
+    hit = afl.Impulse(momentum=0.3, time=0.3)
+    struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
+    energy, momentum = explanation.ledger(struck, ADAPTIVE)
+    assert CRITERIA["A6e"].judge(energy).passed and CRITERIA["A6p"].judge(momentum).passed
+    monkeypatch.setattr(explanation, "_ramp_power", lambda *_: (0.0, 0.0))
+    energy, momentum = explanation.ledger(SHORT, ADAPTIVE)
+    assert not CRITERIA["A6e"].judge(energy).passed and not CRITERIA["A6p"].judge(momentum).passed
+
+
+def test_the_plateau_check_fails_on_a_match_and_a_run_that_fell_is_not_explained(monkeypatch, runs):
+    assert explanation.plateau_check().passed
+    monkeypatch.setattr(explanation, "CAPSULE_EXCESS", 0.0)
+    assert not explanation.plateau_check().passed
+    fell = afl.Outcome("fell", 1.0)
+    fallen = {name: dataclasses.replace(run, outcome=fell) for name, run in runs.items()}
+    assert explanation.error_budget(SHORT, ADAPTIVE, fallen) is None
+    assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == ((), None, None)
+
+
+NONE = afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
+NOTHING = afl.StateFeedback(name="nothing", kind=LINEAR, gains=NONE)
 GLIDING = dataclasses.replace(
     afl.SCENARIOS["nominal"].with_schedule(cart_mass=afl.staircase((0.101,), (0.5, 1.0))),
     initial_state=(0.0, 0.0, 2.0, 0.0),
