@@ -120,18 +120,20 @@ def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
         afl.from_sympy([[m]], [forcing(q, v, u)], [q], [v], [u], [m])
 
 
+def free(q, v, p):
+    return ((p.m,),), (0.0,), ((1.0,),)
+
+
+def walled(q, v, p):
+    return ((p.m,),), (100.0 * (q[0] - 1.5) if q[0] > 1.5 else 0.0,), ((1.0,),)
+
+
 def test_two_plants_of_one_file_have_equations_of_their_own() -> None:
     """They differ where no point is drawn, so that only their compiled code can tell them apart."""
 
-    def free(q, v, p):
-        return ((p.m,),), (0.0,), ((1.0,),)
-
-    def walled(q, v, p):
-        return ((p.m,),), (100.0 * (q[0] - 1.5) if q[0] > 1.5 else 0.0,), ((1.0,),)
-
     def made(of):
         return afl.Plant(
-            name="x", coordinates=("x",), inputs=("f",), terms=lambda q, v, p: of(q, v, p),
+            name="x", coordinates=("x",), inputs=("f",), terms=of,
             model="""<mujoco><worldbody><body name="b"><joint name="x" type="slide"/>
             <geom size=".1"/></body></worldbody>
             <actuator><motor name="f" joint="x"/></actuator></mujoco>""",
