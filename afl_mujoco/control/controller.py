@@ -126,12 +126,16 @@ def force_from_inputs(kind, state, inputs, out):
     """Write the inputs [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
         out[0] = afl_force(state, inputs)
-    elif kind == AFFINE:  # a row holds u0 (k), the rows of K (k, 2n), and the target (2n)
+    elif kind == AFFINE:  # u0 (k), the rows of K (k, 2n), the target and what comes round (2n)
         k, states = len(out), len(state)
+        target = k + k * states
         for i in range(k):
             out[i] = inputs[i]
             for j in range(states):
-                away = state[j] - inputs[k + k * states + j]
+                away = state[j] - inputs[target + j]
+                turn = inputs[target + states + j]
+                if turn > 0.0:  # the shorter way
+                    away -= turn * np.rint(away / turn)
                 out[i] -= inputs[k + i * states + j] * away
     else:
         out[0] = _feedback_force(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -149,12 +150,14 @@ class LinearFeedback(Controller):
         return times, np.array(rows)
 
     def inputs_for(self, plant: Plant, values: Floats) -> Floats:
-        """Return holding inputs, gains and target for rows of parameters."""
+        """Return holding inputs, gains, target and turns for rows of parameters."""
         distinct, which = np.unique(values, axis=0, return_inverse=True)
         return np.array([self._row(row) for row in distinct])[which.reshape(-1)]
 
     def _row(self, values: Floats) -> Floats:
-        return np.concatenate([self._at(values), self.target, np.zeros(len(self.target))])
+        turns = [2.0 * math.pi * (name in self.plant.wraps) for name in self.plant.coordinates]
+        none = np.zeros(len(turns))
+        return np.concatenate([self._at(values), self.target, none, turns, none])
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the inputs at a state and assumed parameters, shape (k,)."""
@@ -167,7 +170,7 @@ class LinearFeedback(Controller):
         """Return the controller as plain data, for provenance."""
         return {
             "name": self.name,
-            "formula": "u = u0(p) - K(p) (x - target)",
+            "formula": "u = u0(p) - K(p) (x - target), wraps the shorter way",
             "gains": {
                 "method": "LQR by Bryson's rule",
                 "largest_state": list(self.largest),

@@ -325,18 +325,20 @@ class Plant:
             if (given := getattr(self, thing)) is not None:
                 numbers = tuple(require_finite(thing, x) for x in given)
                 if len(numbers) != count:
-                    raise InvalidValueError(thing, f"must be {count} finite numbers", numbers)
+                    raise InvalidValueError(
+                        thing, f"must be {count} finite number{'s' * (count != 1)}", numbers
+                    )
                 object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
         owner: dict[str, str] = {}
         for kind, names in {
             "state": self.states, "input": self.inputs, "parameter": self.parameters,
-            "signal": self.signals,
+            "command": [f"{name}_command" for name in self.inputs], "signal": self.signals,
         }.items():  # fmt: skip
             for name in names:
                 if name in owner:
-                    rule = f"must not have the name of a {owner[name]}"
+                    rule = f"must not be the name of the {owner[name]} too"
                     raise InvalidValueError(f"{kind} {name!r}", rule)
                 owner[name] = kind
 

@@ -436,7 +436,8 @@ class Search:
             name = f"mass matrix {names[i]} {names[j]}{who}"
             yield name, "mass", entry
             if i < j:
-                yield f"{name}, twice there", "mass", entry + np.swapaxes(entry, 1, 2)
+                both = f"{name} and {names[j]} {names[i]}{who}"
+                yield both, "mass", entry + np.swapaxes(entry, 1, 2)
 
     def gain(self, trees: Sequence[Tree]) -> Floats:
         """Return M' v, by differences."""

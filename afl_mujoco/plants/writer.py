@@ -120,6 +120,9 @@ class PlantModel:
             ("inputs", self.plant.inputs, self._spec.actuators, "actuator"),
         ):
             names = tuple(one.name for one in there)
+            if len(names) > len(given) and not any(names):
+                rule = f"must be of <{kind}>s with names; the MJCF has {len(names)} without one"
+                raise InvalidValueError(thing, rule, f"{tuple(given)}")
             known = [*filter(None, names)] or [f"the names of the {kind}s, of which none has"]
             for name in given:
                 if name not in names:

@@ -103,6 +103,9 @@ class Ranges:
                     f"known keys: {', '.join((*known, *settings_of(plant)))}{meant(name, known)}"
                 )
                 raise InvalidValueError(f"ranges.{name}", f"is not a known key; {which}")
+            if name in hardware_of(plant) and name in plant.units:
+                rule = "must not be an imperfection and a name of the plant: rename the plant's"
+                raise InvalidValueError(f"ranges.{name}", rule)
             with within("ranges."):
                 _require_allowed(plant, name, bounds, ends_at.get(name))
         for name in self.rates:

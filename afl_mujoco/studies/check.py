@@ -219,6 +219,11 @@ class Request:
         self.plant, self.samples, self.seed, self.box = plant, samples, seed, box
         self.model = PlantModel(plant, compared=True)
         self.points = self.draw(samples, seed)
+        if plant.signals:  # raises if one gives no number
+            from afl_mujoco.simulation.trajectory import signals_of
+
+            some = slice(0, SEARCHED)
+            signals_of(plant, np.hstack(self.points[:2])[some], self.points.p[some])
         self.rows = self.model.rows(self.points.p)
         self.model.require(self.rows, self.points.p)
         self.trees = [Tree(**self.model.tree(row)) for row in self.rows]
@@ -342,9 +347,8 @@ class Request:
         if not any(one.id[0] in "EF" for one in self.checks):
             notes.append("Not looked at, since terms differ: energy, and models written in place.")
         notes.append(f"Drawn from {self.drawn}; parameters from their low to their high.")
-        held = [name for name, one in self.plant.parameters.items() if one.low == one.high]
-        if held and self.equations:
-            notes.append(f"Drawn at one value, for want of low and high: {', '.join(held)}.")
+        if self.held and self.equations:
+            notes.append(f"Drawn at one value, for want of low and high: {', '.join(self.held)}.")
         notes += [f"Equations: {self.equations.how}."] if self.equations else []
         return Result(
             plant=self.plant.name, samples=self.samples, seed=self.seed,
@@ -365,8 +369,26 @@ class Request:
         rate += f"; left out: {', '.join(acting)}" * bool(acting)
         if self.equations is None:
             return f"engine and mutation verified; model not: no equations{rate}"
+        if unread := self.unread():
+            rate += f"; the equations do not read {', '.join(unread)}: drawn at one value"
         largest = max(one.value for one in self.checks if one.id[0] in "BC")
         return f"MuJoCo obeys the equations at {self.samples} points, to {largest:.1e}{rate}"
+
+    @property
+    def held(self) -> list[str]:
+        """The parameters that are drawn at one value."""
+        return [name for name, one in self.plant.parameters.items() if one.low == one.high]
+
+    def unread(self) -> list[str]:
+        """Return those of which the equations do not depend on the value."""
+        found, names = [], [*self.plant.parameters]
+        few = Points(*(x[:FEW] for x in self.points))
+        for name in self.held:
+            moved = few.p + (np.arange(len(names)) == names.index(name)) * (0.01 * few.p + 1e-3)
+            assert self.equations is not None and self.answers is not None
+            there = self.equations.at(few._replace(p=moved), gaps=True)
+            found += [name] * bool(np.array_equal(there, self.answers[:FEW]))
+        return found
 
     def why(self, worst: Worst) -> str:
         """Return why MuJoCo is not the tree that its MJCF describes."""

@@ -317,11 +317,11 @@ def _headline(result: Result, names: Sequence[str]) -> str:
         return f"{ours}: no single imperfection was tried that acts on it."
     survives = sum(grade > FAILS for grade, *_ in acting)
     _, least, found = min(acting, key=lambda x: (x[0] == MUCH, _spare(*x[1:])))
-    at = threshold_text(least, found.survives)
+    at = f"{threshold_text(least, found.survives)} {least.unit}".rstrip()
+    reference = f"{level_text(least, least.reference)} {least.unit}".rstrip()
     return (
         f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
-        f"to spare: {least.title} (reference {level_text(least, least.reference)} {least.unit}, "
-        f"fails at {at} {least.unit})."
+        f"to spare: {least.title} (reference {reference}, fails at {at})."
     )
 
 

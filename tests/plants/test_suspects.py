@@ -62,6 +62,14 @@ def test_an_armature_that_is_written_and_forgotten_is_named() -> None:
     assert afl.check(plant, 50).headline == said
 
 
+def test_a_parameter_that_equations_do_not_read_and_nobody_varies_is_in_the_headline() -> None:
+    def terms(q, v, p):
+        return ((2.0,),), (9.81 * np.sin(q[0]) + 0.1 * v[0],), ((),)
+
+    plant = replace(arm(terms, g=afl.Parameter(9.81)), write=lambda p: {"option gravity 2": -p.g})
+    assert afl.check(plant, 50).headline.endswith("do not read g: drawn at one value")
+
+
 def test_no_body_has_a_negative_inertia() -> None:
     """As accelerations, motors that push the other way are its like."""
     plant = known("quadrotor_load.py:plant")

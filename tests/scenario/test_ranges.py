@@ -12,6 +12,7 @@ from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.schedules import Schedule, slew_limited, staircase
 from tests.messages import line
+from tests.plants.plants import known
 
 RIG = """
 duration = 12.0
@@ -108,6 +109,12 @@ def test_a_limited_schedule_follows_another_as_fast_as_it_may(times, values, rat
     assert np.abs(np.diff(limited(grid))).max() <= rate * step * (1.0 + 1e-6)
     settled = grid > followed.times[-1] + np.ptp(values) / rate
     np.testing.assert_allclose(limited(grid)[settled], target[settled], rtol=1e-14)
+
+
+def test_a_range_of_a_name_of_the_plant_that_an_imperfection_has_too_is_refused() -> None:
+    own = replace(known("quadrotor_load.py:plant"), parameters={"delay": afl.Parameter(1.0)})
+    with pytest.raises(AflMujocoError, match=r"^ranges\.delay must not be an imperfection and a"):
+        afl.Scenario(name="s", plant=own, ranges=Ranges(varied={"delay": (0.1, 0.2)}))
 
 
 @pytest.mark.parametrize(("text", "message"), [

@@ -127,6 +127,21 @@ def test_mujoco_is_the_plants_own_equations(mode) -> None:
     assert np.abs(truth.state - paper.state).max() < 1e-10
 
 
+def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
+    text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>
+        <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody>
+        <actuator><motor name="t" joint="a"/></actuator></mujoco>"""
+    plant = afl.Plant(
+        name="pendulum", model=text, coordinates=("a",), inputs=("t",), upright=(np.pi,),
+        wraps=("a",),
+    )  # fmt: skip
+    at = afl.Scenario(name="s", plant=plant, duration=3.0, initial_state=(-3.0, 0.0))
+    one = afl.simulate_mujoco(at, "lqr")
+    other = afl.simulate_mujoco(replace(at, initial_state=(2.0 * np.pi - 3.0, 0.0)), "lqr")
+    np.testing.assert_allclose(one.state[:, 0] + 2.0 * np.pi, other.state[:, 0], atol=1e-9)
+    assert abs(other.state[-1, 0] - np.pi) < 0.01
+
+
 def test_a_quadrotor_that_picks_up_a_load_is_its_equations_under_an_lqr() -> None:
     scenario = afl.Scenario(
         name="hover", plant=QUADROTOR,

@@ -239,7 +239,11 @@ BAD = {
     "MJCF of plant 'small' cannot be parsed: XML": (("<mujoco>", "<mujoco><"),),
     "MJCF of plant 'small' cannot be parsed: ": (('type="capsule"', 'type="capsul"'),),
     "absent.xml cannot be read: no such file": (("model=XML", 'model="absent.xml"'),),
-    "small.py: parameter 'arm_dot' must not have the name of a state": (
+    "signal 'far' must be one number": (
+        ('name="small"', 'signals={"far": lambda q, v, p: (1.0, 2.0)}, name="small"'),),
+    "small.py: signal 'torque_command' must not be the name of the command too": (
+        ('name="small"', 'signals={"torque_command": lambda q, v, p: 0.0}, name="small"'),),
+    "small.py: parameter 'arm_dot' must not be the name of the state too": (
         ('{"mass": afl', '{"arm_dot": afl.Parameter(1.0), "mass": afl'),),
     "small.py: value must lie in 0.5 to 0.8, got 0.4": (("low=0.2", "low=0.5"),),
     "small.py: rate must be one of frozen, enters, got 'enter'; did you mean": (
