@@ -72,6 +72,8 @@ def _amount(thing: str, has: Floats, c: float) -> str:
     if np.ptp(has) > 0.0:  # a parameter
         return f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
     here = round(has[0] + c, 9) + 0.0  # no -0
+    if here < 0.0 and thing.startswith("armature"):
+        return ""
     return f"{thing} is {here:.6g} in the equations and {has[0]:g} in MuJoCo"
 
 
@@ -119,6 +121,8 @@ class Search:
         with np.errstate(all="ignore"):
             found = sorted(dict.fromkeys(self.bodily()), key=_oddness)
             found = found or list(itertools.islice(self.further(), 1))
+        if len(found) > ALIKE:  # what explains it by one of the two, and by both
+            found = [said for said in found if not said.startswith("mass and inertia of")]
         hint = " (parameters that vary would tell)" * (len(found) > 1)
         return ", or ".join(found[:ALIKE]) + hint
 
