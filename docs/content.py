@@ -82,7 +82,7 @@ GALLERY = {
 KINDS = {".py": "python", ".toml": "toml"}
 """Languages of files that pages show."""
 
-PARTS = ("abstract", "start", "findings")
+PARTS = ("abstract", "start", "plant", "findings")
 """What README.md has of the site, each between its marks."""
 
 
@@ -101,11 +101,6 @@ def estimate(found: Any, name: str) -> Any:
 def loop(case: Any, parameters: str, noise: bool) -> Any:
     """Return a loop of a schedule of the study of estimation."""
     return next(x for x in case.loops if (x.parameters, x.noise) == (parameters, noise))
-
-
-def floor_to(x: float, digits: int = 2) -> float:
-    """Round towards zero to significant digits: the safe side of a level that is tolerated."""
-    return _to(math.floor, x, digits)
 
 
 def ceil_to(x: float, digits: int = 2) -> float:
@@ -129,7 +124,6 @@ NAMES = {
     "sweep": sweep,
     "estimate": estimate,
     "loop": loop,
-    "floor_to": floor_to,
     "ceil_to": ceil_to,
     "math": math,
 }

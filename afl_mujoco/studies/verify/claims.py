@@ -31,7 +31,7 @@ GROUPS: Mapping[str, tuple[Status, str]] = {
     REPRODUCED: ("good", "hold"),
     EVERY: ("good", "hold"),
     IN_PART: ("neutral", "in part"),
-    RANDOM: ("neutral", "under some readings"),
+    RANDOM: ("bad", "under some readings"),
     FITTED: ("open", "under some readings"),
     NOT_REPRODUCED: ("bad", "not"),
     NONE: ("bad", "not"),

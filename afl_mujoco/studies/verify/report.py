@@ -104,7 +104,7 @@ def _claims(result: Result) -> Section:
         "claims",
         [
             Matrix(
-                caption="C9 to C12, and what readings say of C3 to C6, come with the package",
+                caption="Not computed by this run: C9 to C12, and what readings say of C3 to C6",
                 columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
                 rows=[
                     (one.id, one.claim, _counted(one, one.paper, 4), _counted(one, one.here, 3),
