@@ -13,10 +13,11 @@ import signal
 import threading
 import time as clock
 import types
+from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator
 from contextvars import ContextVar
 from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
@@ -56,6 +57,20 @@ def remembers(function: Any) -> bool:
     of one, and what has the attribute ``stateless = True``. All else may remember.
     """
     return makes_controllers(function) or bool(why_it_remembers(function))
+
+
+def _is_compiled(function: Any) -> bool:
+    """Return whether a function is one that a library has compiled, as Numba and JAX do."""
+    if isinstance(function, partial):
+        return _is_compiled(function.func)
+    return _is_function(function) and not isinstance(
+        function, types.FunctionType | types.BuiltinFunctionType | types.MethodType
+    )
+
+
+@cache
+def _named(names: tuple[str, ...]) -> Any:
+    return namedtuple("belief", names)  # one type: it is compiled for
 
 
 def why_it_remembers(function: Any) -> str:
@@ -257,6 +272,13 @@ class PythonController(Controller):
         plain = not self.stateful or makes_controllers(self.function)
         return "" if plain else why_it_remembers(self.function)
 
+    def _told(self, given: dict[str, float]) -> Any:
+        """Return what its function is given as a belief."""
+        if _is_compiled(self.function):  # Numba and JAX know named tuples
+            return _named(tuple(given))(**given)
+        kind: Any = CartPoleParameters if has_its_names(self.plant) else SimpleNamespace
+        return kind(**given)
+
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the force [N] at a state and assumed parameters, NaN where it has none.
 
@@ -264,7 +286,7 @@ class PythonController(Controller):
         """
         cart_pole = has_its_names(self.plant)
         given = dict(zip(self.plant.parameters, map(float, assumed), strict=True))
-        belief: Any = CartPoleParameters(**given) if cart_pole else SimpleNamespace(**given)
+        belief = self._told(given)
         falling = cart_pole and not abs(float(np.asarray(state)[1])) < 0.5 * np.pi
         limit, kind = self.call_limit, ""
         if not self.called and self.first_call_limit > limit and self._known_as not in _hung:

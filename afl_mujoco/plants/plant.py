@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -265,6 +266,7 @@ class Plant:
     details: Mapping[str, float] = field(default_factory=dict)
     # what `load_plant` takes, if it was loaded; one that is made of another has none
     origin: str = field(default="", init=False, repr=False)
+    text: str = field(default="", init=False, repr=False)  # digest of the file that it is from
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
@@ -297,7 +299,7 @@ class Plant:
         if not self.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, for more than one process"
             raise InvalidValueError(f"plant {self.name!r}", rule)
-        return _loaded, (self.origin,)
+        return _loaded, (self.origin, self.text)
 
     def __deepcopy__(self, memo: Any) -> Plant:
         return self
@@ -464,6 +466,8 @@ def _names(thing: str, given: Any) -> tuple[str, ...]:
     return tuple(given)
 
 
+DIGEST = "__afl_mujoco_digest__"  # of the file of a module that was executed
+
 KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 """Plants by name: the cart-pole of the paper is that of a scenario that names none."""
 
@@ -475,8 +479,13 @@ def known_as(plant: Plant, origin: str) -> Plant:
 
 
 @cache
-def _loaded(origin: str) -> Plant:
-    return load_plant(origin)
+def _loaded(origin: str, text: str) -> Plant:
+    found = load_plant(origin)
+    if found.text != text:
+        raise InvalidValueError(
+            f"plant {origin}", "must not change while it runs, but its file did"
+        )
+    return found
 
 
 def load_plant(spec: str, folder: Path | None = None) -> Plant:
@@ -501,8 +510,10 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
     if found.origin:
         return found
-    file = (here / Path(place).expanduser()).absolute()
-    return known_as(found, f"{file}:{attribute}" if place.endswith(".py") else spec)
+    if not place.endswith(".py"):
+        return known_as(found, spec)
+    object.__setattr__(found, "text", vars(module)[DIGEST])
+    return known_as(found, f"{(here / Path(place).expanduser()).absolute()}:{attribute}")
 
 
 def _run_file(path: Path) -> ModuleType:
@@ -518,6 +529,7 @@ def _run_file(path: Path) -> ModuleType:
     made = importlib.util.spec_from_file_location(name, path)
     assert made is not None and made.loader is not None  # it ends in .py
     sys.modules[name] = module = importlib.util.module_from_spec(made)
+    vars(module)[DIGEST] = hashlib.sha256(path.read_bytes()).hexdigest()
     try:
         with told_of(str(path), "cannot be imported:"):
             made.loader.exec_module(module)

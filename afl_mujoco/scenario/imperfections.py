@@ -429,7 +429,7 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
             fields={"pole_radius": 1.0}, reference=5e-3, benign=5e-4, harsh=1.0),),
         why="not quite a slender rod"),
     "parameter_delay": Declaration("s",
-        (Imperfection(name="parameter_delay", title="M, l known late", unit="ms", scale=1e3,
+        (Imperfection(name="parameter_delay", title="parameters known late", unit="ms", scale=1e3,
             fields={"parameter_delay": 1.0}, reference=50e-3, benign=1e-3, harsh=10.0),),
         why="M and l come from elsewhere"),
     **_BELIEF,
@@ -483,8 +483,8 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
                     Imperfection(name=path, title=words, unit="",
                         fields={path: 1.0}, reference=1e-3, benign=1e-5, harsh=1e3),
                 )  # fmt: skip
-            unit = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
-            found[path] = Declaration(unit, more)
+            own = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
+            found[path] = Declaration(own, more)
     differenced = replace(_swept("differentiated"), fields=encoders, unit=unit)
     found["differentiated"] = Declaration("", (differenced,))
     found |= {name: DECLARATIONS[name] for name in ("velocity_filter", "parameter_delay")}

@@ -14,6 +14,7 @@ from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache, partial, wraps
 
+import numba
 import numpy as np
 import pytest
 from numba import njit
@@ -733,3 +734,35 @@ def test_what_is_loaded_by_name_is_as_new_in_a_worker(module, name, stateful, an
     for one in (own, own, twin := pickle.loads(pickle.dumps(own)), twin):
         assert one.stateful == stateful and one.start().command(0.0, STATE, ASSUMED) == answer
     assert name != "Mine" or twin.describe()["function"] == "loaded_mine.Mine"
+
+
+@numba.njit
+def compiled(time, state, belief):
+    return (belief.cart_mass + belief.pole_mass) * (
+        3.3 * state[0] + 6.5 * state[2] - 64.0 * state[1]
+    )
+
+
+@numba.njit
+def compiled_of_a_plant(time, state, belief):
+    return -belief.damping * state[1]
+
+
+@pytest.mark.parametrize("own", [compiled, partial(compiled)], ids=["function", "partial"])
+def test_a_function_that_numba_has_compiled_is_a_controller(own):
+    scenario = replace(afl.SCENARIOS["step-step"], duration=0.3)
+    run, reference = (afl.simulate_mujoco(scenario, x) for x in (own, compiled.py_func))
+    np.testing.assert_allclose(run.state, reference.state, rtol=1e-12, atol=1e-12)
+    text = """<mujoco><worldbody><body name="b"><joint name="a" axis="0 1 0" damping="1"/>
+        <geom size=".1"/></body></worldbody>
+        <actuator><motor name="f" joint="a"/></actuator></mujoco>"""
+    plant = afl.Plant(
+        name="x", model=text, coordinates=("a",), inputs=("f",),
+        parameters={"damping": afl.Parameter(0.5)}, write=lambda p: {"joint a damping": p.damping},
+    )  # fmt: skip
+    slow = afl.Scenario(name="s", plant=plant, duration=0.3, initial_state={"a_dot": 1.0})
+    found = [
+        afl.simulate_mujoco(slow, x).state
+        for x in (compiled_of_a_plant, lambda t, x, b: -0.5 * x[1])
+    ]
+    np.testing.assert_allclose(*found, rtol=1e-12)

@@ -205,3 +205,11 @@ def test_masses_of_geoms_may_be_asked_for_where_none_is_written(tmp_path) -> Non
     assert PlantModel(load_plant("geoms.py:plant", tmp_path)).targets
     with pytest.raises(afl.AflMujocoError, match="masses that are written would be ignored"):
         PlantModel(small(tmp_path, asked))
+
+
+def test_a_file_that_changes_while_it_runs_is_refused_by_another_process(tmp_path) -> None:
+    spec = varied(tmp_path)
+    written = pickle.dumps(load_plant(spec, tmp_path))
+    varied(tmp_path, ("length=p.length)", "length=0.9 * p.length)"))
+    with pytest.raises(afl.AflMujocoError, match="must not change while it runs, but its file did"):
+        pickle.loads(written)

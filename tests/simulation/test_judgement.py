@@ -223,3 +223,12 @@ def test_the_unit_of_end_stops_is_that_of_the_coordinates_that_have_them() -> No
         return afl.Scenario(name="s", plant=plant, imperfections=rails).unit_of("end_stops")
 
     assert unit(cart=1.0) == "m" and unit(lower=1.0) == "rad" and unit(cart=1.0, lower=1.0) == ""
+
+
+def test_what_never_left_its_bands_has_recovered_at_once_wherever_the_disturbance_ends() -> None:
+    push = afl.ForcePulse(force=1e-6, start=0.2, duration=0.10037)
+    asked = Requirements(recover_within=0.5)
+    scenario = afl.Scenario(name="s", disturbances=(push,), requirements=asked, duration=1.0,
+                            initial_state=(0.0, 0.0, 0.0, 0.0))  # fmt: skip
+    (*_, judged) = judge(scenario, afl.simulate_mujoco(scenario, "lqr"))
+    assert (judged.requirement, judged.value, judged.margin) == ("recover_within", 0.0, 1.0)

@@ -312,3 +312,16 @@ def test_a_wheel_that_only_spins_changes_no_margin(sensors):
         expected, found = (loop_margins(x, period, real) for x in (pole, wheel))
         for one in asdict(expected):
             assert getattr(found, one) == pytest.approx(getattr(expected, one), rel=1e-3)
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
+def test_the_disk_of_a_loop_that_hardly_decays_is_not_between_two_frequencies(damping) -> None:
+    """By the distance of 1/max|S - 1/2| on a grid around the only peak."""
+    a, b = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.array([[0.0], [1.0]])
+    loop = Loop(a, b, np.array([[0.3, damping]]))
+    (found,) = under_test.loop_margins(loop, None, afl.Imperfections())
+    omega = 1.3**0.5 + damping * np.linspace(-50.0, 50.0, 200_001)
+    transfer = (0.3 + 1j * omega * damping) / (1.0 - omega**2)
+    sensitivity = 1.0 / (1.0 + transfer)
+    expected = 1.0 / np.abs(sensitivity - 0.5).max()
+    assert found.disk == pytest.approx(expected, rel=1e-2)

@@ -11,6 +11,7 @@ from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
+    draws_of,
     sample_point,
     sample_scenario,
     search_generator,
@@ -162,3 +163,13 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
     assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002
     assert (np.min(seen) >= 0.0) and (np.max(seen) <= 1.0)
     assert best.min() > 0.99 and capfd.readouterr() == ("", "")
+
+
+def test_a_seed_is_the_draw_that_compare_has_where_only_encoders_act() -> None:
+    rough = afl.Imperfections(differentiated=True, encoder_step={"phi": 0.01, "z": 0.005})
+    start = (0.0, 0.1, 0.0, 0.0)
+    own = afl.Scenario(name="s", imperfections=rough, initial_state=start, duration=0.5)
+    unit = robustness.SweepUnit("", afl.CONTROLLERS["lqr"], [own], robustness.Settings(seeds=3))
+    bare = [run.metrics["peak_phi"] for run in robustness.run_bare(unit)]
+    expected = [afl.simulate_mujoco(x, "lqr").metrics["peak_phi"] for x in draws_of(own, 3)]
+    assert bare == expected and len(set(bare)) == 3

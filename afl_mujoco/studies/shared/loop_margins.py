@@ -52,6 +52,9 @@ NO_GAIN = 1e-9
 COARSE, FINE = 80, 40
 """Numbers of frequencies at which the disk margin is sought: overall, then near the minimum."""
 
+PEAK = np.linspace(-3.0, 3.0, 25)
+"""Where it is sought beside a pole, as shares of the pole's damping."""
+
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
@@ -401,8 +404,12 @@ def _margins(system: StateSpace, period: float | None = None) -> Margins:
 def _disk(system: StateSpace) -> float:
     import control
 
-    closed = np.abs(control.poles(control.feedback(system)))
+    poles = control.poles(control.feedback(system))
+    closed = np.abs(poles)
     omega = np.geomspace(closed.min() / BEYOND, closed.max() * BEYOND, COARSE)
+    # a pole that is hardly damped has a peak as narrow as its damping
+    beside = np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * PEAK
+    omega = np.unique(np.concatenate([omega, beside[beside > 0.0]]))
     least = int(np.argmin(control.disk_margins(system, omega, returnall=True)[0]))
-    near = omega[max(least - 1, 0)], omega[min(least + 1, COARSE - 1)]
-    return float(control.disk_margins(system, np.geomspace(*near, FINE))[0])
+    near = omega[max(least - 1, 0)], omega[min(least + 1, len(omega) - 1)]
+    return float(control.disk_margins(system, np.linspace(*near, FINE))[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +22,13 @@ from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
-from afl_mujoco.scenario.sample_space import SampleSpace, acting, sample_point, search_generator
+from afl_mujoco.scenario.sample_space import (
+    SampleSpace,
+    acting,
+    draw_of,
+    sample_point,
+    search_generator,
+)
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
@@ -136,7 +143,8 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
     """Return every scenario with each of some imperfections on top of its own.
 
     The harsher of each counts. A milder control period could be worse than the scenario's own,
-    where velocities are differences of quantised positions.
+    where velocities are differences of quantised positions. A seed is a draw of the scenario: its
+    start lies within a step of its own encoders too.
     """
 
     def on_top(own: Any, name: str, level: Any) -> Any:
@@ -148,11 +156,12 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
             return {key: on_top(value, name, level) for key, value in own.items()}
         return min(own, level) if less_is_worse(name) else max(own, level)
 
-    return [
-        one.changed({name: on_top(one.hardware(name), name, x) for name, x in changes.items()})
-        for one in scenarios
-        for changes in hardware
-    ]
+    found = []
+    for one, changes in itertools.product(scenarios, hardware):
+        start = draw_of(one, changes.get("seed", 0)).initial_state
+        harsher = {name: on_top(one.hardware(name), name, x) for name, x in changes.items()}
+        found.append(replace(one.changed(harsher), initial_state=start))
+    return found
 
 
 def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
@@ -219,8 +228,8 @@ class SweepUnit(NamedTuple):
 
 
 def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
-    """Return the seeds that must be survived; one where nothing is random."""
-    noisy = seeded or any(scenario.imperfections.noisy for scenario in scenarios)
+    """Return the draws that must be survived; one where nothing is random."""
+    noisy = seeded or any(scenario.imperfections.drawn for scenario in scenarios)
     return range(settings.seeds if noisy else 1)
 
 
