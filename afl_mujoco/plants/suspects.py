@@ -120,7 +120,10 @@ class Search:
             return ""
         with np.errstate(all="ignore"):
             found = sorted(dict.fromkeys(self.bodily()), key=_oddness)
-            found = found or list(itertools.islice(self.further(), 1))
+            varies = np.ptp(self.points.p, axis=0).any()
+            if not (found and varies):
+                more = itertools.islice(self.further(), 1 if varies else ALIKE)
+                found = list(dict.fromkeys([*found, *more]))
         if len(found) > ALIKE:  # what explains it by one of the two, and by both
             found = [said for said in found if not said.startswith("mass and inertia of")]
         hint = " (parameters that vary would tell)" * (len(found) > 1)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import open_executor
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace
@@ -48,7 +49,7 @@ def slowing(time, state, belief):
 
 def test_an_lqr_is_weighted_by_bands_and_a_spinning_wheel_takes_no_margin() -> None:
     assert lqr_of(WHEEL).largest == (0.5, 30.0, 2.5, 150.0)
-    loop = linearize(bound(afl.control.catalogue.as_controller(slowing), WHEEL), WHEEL)
+    loop = linearize(bound(as_controller(slowing), WHEEL), WHEEL)
     assert loop.a.shape == (4, 4) and not loop.stable
     (found,) = loop_margins(loop) or [None]
     assert found is not None and found.gain_increase == np.inf
@@ -80,7 +81,7 @@ def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> 
 def test_the_nearest_failure_of_a_scenario_that_fails_is_itself() -> None:
     strict = replace(WHEEL, requirements=afl.Requirements(max={"pole": 0.09}))
     space = SampleSpace(replace(strict, ranges=Ranges(varied={"pole": (0.0, 0.2)})))
-    controller = afl.control.catalogue.as_controller(slowing)
+    controller = as_controller(slowing)
     with open_executor(1) as executor:
         runs = sample([controller], space, 8, 1, DEFAULT, executor)[controller.name]
         assert any(not run.failure for run in runs)
