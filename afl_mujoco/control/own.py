@@ -63,14 +63,20 @@ def _is_compiled(function: Any) -> bool:
     """Return whether a function is one that a library has compiled, as Numba and JAX do."""
     if isinstance(function, partial):
         return _is_compiled(function.func)
-    return _is_function(function) and not isinstance(
-        function, types.FunctionType | types.BuiltinFunctionType | types.MethodType
-    )
+    plain = types.FunctionType | types.BuiltinFunctionType | types.MethodType
+    return not isinstance(function, plain) and _is_function(function)
 
 
 @cache
 def _named(names: tuple[str, ...]) -> Any:
     return namedtuple("belief", names)  # one type: it is compiled for
+
+
+def _belief(function: Any, given: dict[str, float], cart_pole: bool) -> Any:
+    """Return what a function is given as its belief."""
+    if _is_compiled(function):  # Numba and JAX know named tuples
+        return _named(tuple(given))(**given)
+    return CartPoleParameters(**given) if cart_pole else SimpleNamespace(**given)
 
 
 def why_it_remembers(function: Any) -> str:
@@ -272,13 +278,6 @@ class PythonController(Controller):
         plain = not self.stateful or makes_controllers(self.function)
         return "" if plain else why_it_remembers(self.function)
 
-    def _told(self, given: dict[str, float]) -> Any:
-        """Return what its function is given as a belief."""
-        if _is_compiled(self.function):  # Numba and JAX know named tuples
-            return _named(tuple(given))(**given)
-        kind: Any = CartPoleParameters if has_its_names(self.plant) else SimpleNamespace
-        return kind(**given)
-
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> Any:
         """Return the force [N] at a state and assumed parameters, NaN where it has none.
 
@@ -286,7 +285,7 @@ class PythonController(Controller):
         """
         cart_pole = has_its_names(self.plant)
         given = dict(zip(self.plant.parameters, map(float, assumed), strict=True))
-        belief = self._told(given)
+        belief = _belief(self.function, given, cart_pole)
         falling = cart_pole and not abs(float(np.asarray(state)[1])) < 0.5 * np.pi
         limit, kind = self.call_limit, ""
         if not self.called and self.first_call_limit > limit and self._known_as not in _hung:

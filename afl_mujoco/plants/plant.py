@@ -466,15 +466,14 @@ def _names(thing: str, given: Any) -> tuple[str, ...]:
     return tuple(given)
 
 
-DIGEST = "__afl_mujoco_digest__"  # of the file of a module that was executed
-
 KNOWN = {"cart-pole": "afl_mujoco.plants.cartpole_equations:plant"}
 """Plants by name: the cart-pole of the paper is that of a scenario that names none."""
 
 
-def known_as(plant: Plant, origin: str) -> Plant:
+def known_as(plant: Plant, origin: str, text: str = "") -> Plant:
     """Return a plant that says where another process, and a reader of a result, finds it."""
     object.__setattr__(plant, "origin", origin)
+    object.__setattr__(plant, "text", text)
     return plant
 
 
@@ -495,9 +494,11 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         rule = "must be FILE.py:NAME or MODULE:NAME"
         hint = f"; did you mean {spec}:plant?" if spec.endswith(".py") else ""
         raise InvalidValueError("plant", rule, f"{spec!r}{hint}")
-    here = folder or Path.cwd()
+    here, origin, text = folder or Path.cwd(), spec, ""
     if place.endswith(".py"):
-        module = _run_file(here / Path(place).expanduser())
+        file = (here / Path(place).expanduser()).absolute()
+        origin = f"{file}:{attribute}"
+        module, text = _run_file(file)
     else:
         module = import_from(here, place, f"plant {spec!r}")
     found = getattr(module, attribute, None)
@@ -508,16 +509,11 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         raise UnknownNameError.among("plant", attribute, plants).within(f"{place}: ")
     if not isinstance(found, Plant):
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
-    if found.origin:
-        return found
-    if not place.endswith(".py"):
-        return known_as(found, spec)
-    object.__setattr__(found, "text", vars(module)[DIGEST])
-    return known_as(found, f"{(here / Path(place).expanduser()).absolute()}:{attribute}")
+    return found if found.origin else known_as(found, origin, text)
 
 
-def _run_file(path: Path) -> ModuleType:
-    """Return the module of a file, executed anew."""
+def _run_file(path: Path) -> tuple[ModuleType, str]:
+    """Return the module of a file, executed anew, and the digest of its text."""
     if not path.is_file():
         raise FileError(str(path), "cannot be read: no such file")
     path = path.resolve()
@@ -529,11 +525,11 @@ def _run_file(path: Path) -> ModuleType:
     made = importlib.util.spec_from_file_location(name, path)
     assert made is not None and made.loader is not None  # it ends in .py
     sys.modules[name] = module = importlib.util.module_from_spec(made)
-    vars(module)[DIGEST] = hashlib.sha256(path.read_bytes()).hexdigest()
+    text = hashlib.sha256(path.read_bytes()).hexdigest()
     try:
         with told_of(str(path), "cannot be imported:"):
             made.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]
         raise
-    return module
+    return module, text

@@ -58,18 +58,19 @@ def _panels(run: Trajectory) -> list[_Panel]:
     """Return label, curve and a pale curve of each panel: each coordinate beside its rate."""
     layout, n = run.layout, len(run.layout.coordinates)
     found: list[_Panel] = []
+
+    def label(name: str) -> str:
+        return labelled(name, layout.units.get(name, ""))
+
     for i, name in enumerate(layout.coordinates):
         for column, state in ((i, name), (n + i, f"{name}_dot")):
-            label = labelled(state, layout.units.get(state, ""))
-            found.append((label, run.state[:, column], None))
+            found.append((label(state), run.state[:, column], None))
     for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
-        label, differs = labelled(name, layout.units.get(name, "")), (force != command).any()
-        told = f"{label} (thin: command)" if differs else label
+        differs = bool((force != command).any())
+        told = label(name) + " (thin: command)" * differs
         found.append((told, force, command if differs else None))
     found += [(name, values, None) for name, values in run.signals.items()]
-    changing = {name: x for name, x in run.parameters.items() if np.ptp(x)}
-    labels = (labelled(name, layout.units.get(name, "")) for name in changing)
-    return [*found, *((label, x, None) for label, x in zip(labels, changing.values(), strict=True))]
+    return [*found, *((label(name), x, None) for name, x in run.parameters.items() if np.ptp(x))]
 
 
 def _draw_difference(axis: Axes, one: Trajectory, other: Trajectory, layout: Layout) -> None:

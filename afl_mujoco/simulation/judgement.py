@@ -155,8 +155,9 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
         last = np.flatnonzero(outside & (time >= begin) & (time <= end))
         rest = end
         if run.outcome.kind == COMPLETED or run.outcome.time > end:
-            following = last[-1] + 1 if len(last) else len(time)
-            rest = time[following] if following < len(time) else end if len(last) else begin
+            rest = begin
+            if len(last):
+                rest = time[last[-1] + 1] if last[-1] + 1 < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
         slowest, ever = max(slowest, lasted), ever and bool(rest < end)
     margin = (limit - slowest) / limit

@@ -246,6 +246,10 @@ def _result(
 # --- what is shown ------------------------------------------------------------------------------
 
 
+def _with_unit(one: Imperfection, text: str) -> str:
+    return f"{text} {one.unit}".rstrip()
+
+
 def level_text(one: Imperfection, level: float) -> str:
     """Return a level [SI] in the unit of its imperfection, with two digits."""
     digits = 3 if one.name == COMBINED.name else 2  # near 1 a third digit matters
@@ -317,8 +321,8 @@ def _headline(result: Result, names: Sequence[str]) -> str:
         return f"{ours}: no single imperfection was tried that acts on it."
     survives = sum(grade > FAILS for grade, *_ in acting)
     _, least, found = min(acting, key=lambda x: (x[0] == MUCH, _spare(*x[1:])))
-    at = f"{threshold_text(least, found.survives)} {least.unit}".rstrip()
-    reference = f"{level_text(least, least.reference)} {least.unit}".rstrip()
+    at = _with_unit(least, threshold_text(least, found.survives))
+    reference = _with_unit(least, level_text(least, least.reference))
     return (
         f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
         f"to spare: {least.title} (reference {reference}, fails at {at})."
@@ -329,7 +333,7 @@ def _label(result: Result, one: Imperfection) -> str:
     """Return an imperfection with its reference, and what a level is where the scenario has one."""
     own = [s.hardware(key) for s in result.scenarios for key in list(one.fields)[:1]]
     kind = "" if not any(own) else ", added" if one.adds else ", total"
-    return f"{one.title} ({level_text(one, one.reference)} {one.unit}{kind})"
+    return f"{one.title} ({_with_unit(one, level_text(one, one.reference))}{kind})"
 
 
 def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -148,7 +147,7 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
     """
 
     def on_top(own: Any, name: str, level: Any) -> Any:
-        if is_error(name) or name == "seed":
+        if is_error(name):
             return own + level
         if own is None:  # ideal
             return level
@@ -156,12 +155,11 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
             return {key: on_top(value, name, level) for key, value in own.items()}
         return min(own, level) if less_is_worse(name) else max(own, level)
 
-    found = []
-    for one, changes in itertools.product(scenarios, hardware):
-        start = draw_of(one, changes.get("seed", 0)).initial_state
-        harsher = {name: on_top(one.hardware(name), name, x) for name, x in changes.items()}
-        found.append(replace(one.changed(harsher), initial_state=start))
-    return found
+    def on_one(own: Scenario, seed: int = 0, **changes: Any) -> Scenario:
+        harsher = {name: on_top(own.hardware(name), name, x) for name, x in changes.items()}
+        return draw_of(own, seed).changed(harsher)
+
+    return [on_one(one, **changes) for one in scenarios for changes in hardware]
 
 
 def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:

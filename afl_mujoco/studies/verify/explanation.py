@@ -295,9 +295,11 @@ def _omission(scenario: Scenario, controller: Controller) -> tuple[float, Omissi
         changed = replace(plant, name="changing", parameters=own, accelerations=None, terms=terms)
         return replace(scenario, plant=changed)
 
+    frozen = simulate_ode(case(), controller, sample_period=h)
+
     def matters(**acting: Any) -> float | None:
-        runs = (simulate_ode(one, controller, sample_period=h) for one in (case(**acting), case()))
-        found = state_difference(*runs)
+        changed = simulate_ode(case(**acting), controller, sample_period=h)
+        found = state_difference(changed, frozen)
         return found if math.isfinite(found) else None
 
     whole = case(rate="enters", jump="momenta")
