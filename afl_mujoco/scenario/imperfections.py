@@ -52,8 +52,6 @@ class Imperfection:
     harsh: float
     scale: float = 1.0  # factor from a level to its shown value
     switches: tuple[str, ...] = ()  # fields that it switches on at every level
-    # whether it draws random numbers, so that the loop must survive several seeds
-    seeded: bool = False
     quantum: float = 0.0  # levels are multiples of this; 0 for any level
 
     def options(self, level: float) -> dict[str, Any]:
@@ -389,7 +387,7 @@ DECLARATIONS: Mapping[str, Declaration] = MappingProxyType({
     "noise.phi": Declaration("rad",
         (Imperfection(name="noise", title="sensor noise", unit="mrad", scale=1e3,
             fields={"noise.phi": 1.0, "noise.z": 0.1, "noise.phi_dot": 10.0, "noise.z_dot": 1.0},
-            reference=5e-4, benign=1e-5, harsh=0.5, seeded=True),),
+            reference=5e-4, benign=1e-5, harsh=0.5),),
         why="a good analogue sensor",
         drawn=Draw(1, (0.0, 2e-3), "from none to a rotary potentiometer")),
     "noise.z_dot": Declaration("m/s",

@@ -11,6 +11,7 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import run_all
@@ -38,7 +39,7 @@ def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
 def test_an_imperfection_sets_its_fields_at_levels_within_its_range(name: str) -> None:
     one = robustness.KNOWN[name]
     found = robustness.hardware_at(one, one.reference)
-    assert found.keys() == {*one.fields, *one.switches, "seed"}
+    assert found.keys() == {*one.fields, *one.switches}
     for field, factor in one.fields.items():
         assert found[field] == pytest.approx(factor * one.reference)
     low, high = sorted((one.benign, one.harsh))
@@ -60,14 +61,14 @@ def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
 
 
 def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_as_bad() -> None:
-    real = robustness.hardware_at(robustness.COMBINED, 1.0, seed=3)
+    real = robustness.hardware_at(robustness.COMBINED, 1.0)
     left_out = {one.name for one in IMPERFECTIONS} - {one.name for one in robustness.added()}
     assert left_out == {"cart_mass_error-", "half_length_error-"}  # which contradict those with +
     for one in robustness.added():
         if one.name != robustness.RAIL:
             for field, factor in one.fields.items():
                 assert real[field] == pytest.approx(factor * one.reference)
-    assert real["seed"] == 3 and "end_stops.z" not in real
+    assert "end_stops.z" not in real
     double = robustness.hardware_at(robustness.COMBINED, 2.0)
     for field in ("delay", "noise.phi", "dry_friction.z", "cart_mass_error", "control_period"):
         assert double[field] == pytest.approx(2.0 * real[field])
@@ -78,14 +79,15 @@ def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_a
     assert worst["input_limit"] == robustness.KNOWN["input_limit"].harsh
 
 
-def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
-    hardware = [{"delay": 0.009, "seed": s} for s in (0, 1)]
-    found = [scenario.imperfections for scenario in robustness.on_hardware((OWN,), hardware)]
-    assert found == [replace(OWN.imperfections, delay=0.009, seed=7 + s) for s in (0, 1)]
-    assert (
-        len(robustness.seeds(False, (OWN,), SETTINGS)) == SETTINGS.seeds
-    )  # the scenario is noisy itself
-    assert len(robustness.seeds(False, CASES, SETTINGS)) == 1
+def test_an_encoder_is_judged_by_draws_of_noise_and_start_within_its_own_steps() -> None:
+    unit = robustness.SweepUnit("encoder_step", LQR, (CASE,), SETTINGS)
+    runs = robustness.run_on(unit, {"encoder_step.phi": 0.02})
+    draws = draws_of(CASE.changed({"encoder_step.phi": 0.02}), SETTINGS.seeds)
+    assert len({one.initial_state for one in draws}) == SETTINGS.seeds
+    expected = [afl.simulate_mujoco(one, "lqr") for one in draws]
+    peaks = [run.metrics["peak_phi"] for run in runs]
+    assert peaks == pytest.approx([run.metrics["peak_phi"] for run in expected])
+    assert len(robustness.run_on(unit, {"delay": 0.002})) == 1  # nothing is random
 
 
 @pytest.mark.parametrize(("own", "put", "found"), [
@@ -98,14 +100,14 @@ def test_an_imperfection_is_put_on_top_of_those_of_the_scenario() -> None:
 ], ids=str)  # fmt: skip
 def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None:
     scenario = replace(CASE, imperfections=IDEAL.changed(own))
-    (on_top,) = robustness.on_hardware((scenario,), [put])
+    on_top = robustness.on_hardware(scenario, put)
     assert on_top.imperfections == IDEAL.changed(found)
 
 
 @pytest.mark.parametrize(("level", "found"), [(0.01, -0.29), (0.5, 0.2), (-0.1, -0.4)])
 def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found: float) -> None:
     scenario = replace(CASE, belief={"cart_mass": {"error": -0.3}})
-    (on_top,) = robustness.on_hardware((scenario,), [{"cart_mass_error": level}])
+    on_top = robustness.on_hardware(scenario, {"cart_mass_error": level})
     assert on_top.belief.error("cart_mass_error") == pytest.approx(found)
 
 

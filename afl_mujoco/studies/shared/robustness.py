@@ -24,7 +24,7 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     acting,
-    draw_of,
+    draws_of,
     sample_point,
     search_generator,
 )
@@ -80,7 +80,7 @@ RAIL = "end_stops.z"
 
 COMBINED = Imperfection(
     name="combined", title="all combined but the rail", unit="×", fields={},
-    reference=1.0, benign=0.05, harsh=20.0, seeded=True,
+    reference=1.0, benign=0.05, harsh=20.0,
 )  # fmt: skip
 """All at once: each as many times worse than the reference hardware as the level says."""
 
@@ -113,16 +113,14 @@ def added(plant: Plant = CART_POLE) -> tuple[Imperfection, ...]:
     return tuple(found)
 
 
-def hardware_at(
-    imperfection: Imperfection, level: float, seed: int = 0, plant: Plant = CART_POLE
-) -> Hardware:
+def hardware_at(imperfection: Imperfection, level: float, plant: Plant = CART_POLE) -> Hardware:
     """Return one imperfection, or all combined, at a level."""
     if imperfection.name == COMBINED.name:
-        return combined(level, [one for one in added(plant) if one.name != RAIL], seed)
-    return {**imperfection.options(level), "seed": seed}
+        return combined(level, [one for one in added(plant) if one.name != RAIL])
+    return imperfection.options(level)
 
 
-def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0) -> Hardware:
+def combined(scale: float, imperfections: Sequence[Imperfection]) -> Hardware:
     """Return several imperfections at once, each as many times worse than the reference."""
     options: Hardware = {}
     for one in imperfections:
@@ -130,7 +128,7 @@ def combined(scale: float, imperfections: Sequence[Imperfection], seed: int = 0)
         options |= one.options((max if one.less_is_worse else min)(scaled, one.harsh))
     if "control_period" in options:
         options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
-    return {**options, "seed": seed}
+    return options
 
 
 def less_is_worse(path: str) -> bool:
@@ -138,12 +136,11 @@ def less_is_worse(path: str) -> bool:
     return path in ("input_limit", "slew_rate") or path.startswith("end_stops")
 
 
-def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scenario]:
-    """Return every scenario with each of some imperfections on top of its own.
+def on_hardware(scenario: Scenario, hardware: Hardware) -> Scenario:
+    """Return a scenario with imperfections on top of its own, of which the harsher counts.
 
-    The harsher of each counts. A milder control period could be worse than the scenario's own,
-    where velocities are differences of quantised positions. A seed is a draw of the scenario: its
-    start lies within a step of its own encoders too.
+    A milder control period could be worse than the scenario's own, where velocities are
+    differences of quantised positions.
     """
 
     def on_top(own: Any, name: str, level: Any) -> Any:
@@ -155,11 +152,8 @@ def on_hardware(scenarios: Scenarios, hardware: Sequence[Hardware]) -> list[Scen
             return {key: on_top(value, name, level) for key, value in own.items()}
         return min(own, level) if less_is_worse(name) else max(own, level)
 
-    def on_one(own: Scenario, seed: int = 0, **changes: Any) -> Scenario:
-        harsher = {name: on_top(own.hardware(name), name, x) for name, x in changes.items()}
-        return draw_of(own, seed).changed(harsher)
-
-    return [on_one(one, **changes) for one in scenarios for changes in hardware]
+    changes = {name: on_top(scenario.hardware(name), name, x) for name, x in hardware.items()}
+    return scenario.changed(changes)
 
 
 def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
@@ -187,7 +181,7 @@ def times_reference(imperfection: Imperfection, level: float) -> float:
 class Settings:
     """How thresholds are searched."""
 
-    seeds: int = 4  # of noise, all of which must be survived where there is noise
+    seeds: int = 4  # draws of noise and start, all of which must be survived
     scan: int = 13  # levels of the scan, and levels beside the threshold that must be survived
     tolerance: float = 0.02  # relative width to which bisection narrows a threshold [1]
     integrator: str = "RK4"
@@ -225,12 +219,6 @@ class SweepUnit(NamedTuple):
     settings: Settings
 
 
-def seeds(seeded: bool, scenarios: Scenarios, settings: Settings) -> range:
-    """Return the draws that must be survived; one where nothing is random."""
-    noisy = seeded or any(scenario.imperfections.drawn for scenario in scenarios)
-    return range(settings.seeds if noisy else 1)
-
-
 def survived(runs: Sequence[Run]) -> bool:
     """Return whether every run met its requirements."""
     return not any(run.failure for run in runs)
@@ -242,25 +230,29 @@ def all_settled(runs: Sequence[Run], scenarios: Scenarios) -> bool:
     return survived(runs) and all(run.settled or run.scenario in judged for run in runs)
 
 
+def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
+    """Run a controller on every draw of the scenarios with imperfections on top of theirs."""
+    _, controller, scenarios, settings = unit
+    on_top = [on_hardware(one, hardware) for one in scenarios]
+    seeds = [settings.seeds if one.imperfections.drawn else 1 for one in on_top]
+    drawn = [x for one, count in zip(on_top, seeds, strict=True) for x in draws_of(one, count)]
+    return tuple(run_all(controller, drawn, settings.deployed))
+
+
 def run_bare(unit: SweepUnit) -> tuple[Run, ...]:
     """Run a controller with nothing added to the scenarios."""
-    _, controller, scenarios, settings = unit
-    chance = seeds(False, scenarios, settings)
-    bare = on_hardware(scenarios, [{"seed": seed} for seed in chance])
-    return tuple(run_all(controller, bare, settings.deployed))
+    return run_on(unit, {})
 
 
 def sweep(unit: SweepUnit) -> Swept:
     """Find the levels up to which a controller survives an imperfection, and settles under it."""
-    name, controller, scenarios, settings = unit
+    name, _, scenarios, settings = unit
     plant = scenarios[0].plant
     one = referred(find_imperfection(name, plant), scenarios)
 
     @functools.cache
     def at(level: float) -> tuple[Run, ...]:
-        chance = seeds(one.seeded, scenarios, settings)
-        hardware = [hardware_at(one, level, seed, plant) for seed in chance]
-        return tuple(run_all(controller, on_hardware(scenarios, hardware), settings.deployed))
+        return run_on(unit, hardware_at(one, level, plant))
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
         scan = scan_levels(one.benign, one.harsh, settings.scan)
