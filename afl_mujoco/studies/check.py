@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -302,17 +302,18 @@ class Request:
         """The rows that do not hold."""
         return [one for one in self.checks if not one.passed]
 
-    def compare(self, who: str, one: Point, other: Point, ids: Mapping[str, str]) -> str:
+    def compare(
+        self, who: str, one: Point, other: Point, side: str, compared: Sequence[str]
+    ) -> str:
         """Add a row for each term, and return the failed one that says most; empty if none does."""
         bad = ""
-        for term, id in ids.items():
+        for term in compared:
             limit = LIMIT
             if term == "accelerations":
                 limit = max(LIMIT, ROUNDING * _condition(self.reference.mass))
             value = float(self.gap(term, one, other).max(initial=0.0))
-            self.add(id, f"{WORDS[term]}: {who}", value, limit)
+            self.add(f"{side}.{term}", f"{WORDS[term]}: {who}", value, limit)
             bad = bad or (term if self.failed[-1:] == self.checks[-1:] else "")
-        self.checks.sort(key=lambda one: one.id)
         return bad
 
     def gap(self, term: str, one: Point, other: Point) -> Floats:
@@ -328,7 +329,9 @@ class Request:
         progress("checking", 0, 3)
         self.reference, engine = self.tree(), self.engine()
         headline, worst = "", self.worst_of("accelerations", self.reference, engine)
-        if bad := self.compare("MuJoCo against the tree", engine, self.reference, _ids("A")):
+        if bad := self.compare(
+            "MuJoCo against the tree", engine, self.reference, "engine", [*WORDS]
+        ):
             worst = self.worst_of(bad, engine, self.reference)
             headline = f"{_place(worst)}: MuJoCo is not the tree of its MJCF: {self.why(worst)}"
         if self.answers is not None:
@@ -336,7 +339,7 @@ class Request:
             if not headline:
                 headline, worst = said, place
         progress("checking", 1, 3)
-        if not self.failed:
+        if looked_further := not self.failed:
             self.engine_alone(engine)
             progress("checking", 2, 3)
             self.mutation()
@@ -344,7 +347,7 @@ class Request:
         if not headline:
             headline = next((f"{x.quantity}: {x.value:.3g}" for x in self.failed), self.good())
         notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
-        if not any(one.id[0] in "EF" for one in self.checks):
+        if not looked_further:
             notes.append("Not looked at, since terms differ: energy, and models written in place.")
         notes.append(f"Drawn from {self.drawn}; parameters from their low to their high.")
         if self.held and self.equations:
@@ -371,7 +374,7 @@ class Request:
             return f"engine and mutation verified; model not: no equations{rate}"
         if unread := self.unread():
             rate += f"; the equations do not read {', '.join(unread)}: drawn at one value"
-        largest = max(one.value for one in self.checks if one.id[0] in "BC")
+        largest = max(one.value for one in self.checks if "equations" in one.quantity)
         return f"MuJoCo obeys the equations at {self.samples} points, to {largest:.1e}{rate}"
 
     @property
@@ -401,13 +404,12 @@ class Request:
     def with_equations(self, answers: Floats, engine: Point) -> tuple[str, Worst]:
         """Add what equations give; return the headline where they are not the tree's, and where."""
         if self.plant.terms:
-            theirs, ids = self.solved(*split(self.plant, answers)), _ids("C")
+            theirs, compared = self.solved(*split(self.plant, answers)), [*WORDS]
         else:
             theirs = self.reference._replace(accelerations=answers)
-            ids = {"accelerations": "C1"}
-        first = {"accelerations": "B1"}
-        bad = self.compare("equations against MuJoCo", theirs, engine, first)
-        other = self.compare("equations against the tree", theirs, self.reference, ids)
+            compared = ["accelerations"]
+        bad = self.compare("equations against MuJoCo", theirs, engine, "model", ["accelerations"])
+        other = self.compare("equations against the tree", theirs, self.reference, "tree", compared)
         if self.plant.terms:
             self.invariants(theirs.mass)
         worst = self.worst_of(other or "accelerations", theirs, self.reference if other else engine)
@@ -417,7 +419,7 @@ class Request:
             return f"{_place(worst)}: {suspect}?", worst
         most = f"up to {worst.difference:.2g} of the largest component"
         broken = next(
-            (f"; this fails too: {x.quantity}" for x in self.failed if x.id[0] == "D"), ""
+            (f"; this fails too: {x.quantity}" for x in self.failed if "." not in x.id), ""
         )
         return f"{_place(worst)}: equations and MJCF differ by {most}{broken}", worst
 
@@ -452,14 +454,16 @@ class Request:
     def invariants(self, m: Floats) -> None:
         """Add what holds of any mass matrix and any velocity terms."""
         swapped = np.swapaxes(m, 1, 2)
-        self.add("D1", "mass matrix is symmetric", float(_difference(m, swapped).max()), LIMIT)
+        self.add(
+            "symmetric", "mass matrix is symmetric", float(_difference(m, swapped).max()), LIMIT
+        )
         root = np.sqrt(np.abs(np.einsum("nii->ni", m)))
         root = np.where(root > 0.0, root, 1.0)
         least = np.linalg.eigvalsh(0.5 * (m + swapped) / root[:, :, None] / root[:, None, :]).min()
-        self.add("D2", "mass matrix is positive: least eigenvalue", float(least), 1e-12, least=True)
+        self.add("positive", "mass matrix is positive: least eigenvalue", least, 1e-12, least=True)
         quadratic, linear = self.work()
-        self.add("D3", "work of the velocity terms is 1/2 v M' v", quadratic, 1e-8)
-        self.add("D4", "terms linear in rates do the work of the damping only", linear, 1e-8)
+        self.add("quadratic", "work of the velocity terms is 1/2 v M' v", quadratic, 1e-8)
+        self.add("linear", "terms linear in rates do the work of the damping only", linear, 1e-8)
 
     def work(self) -> tuple[float, float]:
         """Return the work that terms quadratic and linear in rates should not do, relative."""
@@ -496,10 +500,9 @@ class Request:
         """Add that inertias are of bodies, and that energy changes by the work that is done."""
         a, b, c = np.sort([t.body_inertia[t.body_mass > 0.0] for t in self.trees[:FEW]]).T
         least = ((a + b - c) / np.where(c > 0.0, c, 1.0)).min(initial=1.0)
-        self.add("E1", "inertias are of bodies: (A + B - C) / C", float(least), -1e-12, least=True)
-        self.add(
-            "E2", "energy changes by the work of inputs and damping", self.ledger(engine), 1e-8
-        )
+        self.add("inertias", "inertias are of bodies: (A + B - C) / C", least, -1e-12, least=True)
+        lost = self.ledger(engine)
+        self.add("energy", "energy changes by the work of inputs and damping", lost, 1e-8)
 
     def ledger(self, engine: Point) -> float:
         """Return MuJoCo's power that is not accounted for, relative; no integrator is in it."""
@@ -522,16 +525,12 @@ class Request:
         """Add how many numbers of a model written in place differ from one compiled afresh."""
         found = Counter(self.model.differing(self.model.last))
         what = f"numbers unlike a recompile, after {len(self.rows)} points{_fields(found)}"
-        self.add("F1", what, found.total(), 0)
+        self.add("mutation", what, found.total(), 0)
         for row in self.rows[:RECOMPILED]:
             self.model.write(row)
             found += Counter(self.model.differing(row))
         what = f"numbers unlike a recompile, {len(self.rows[:RECOMPILED])} random parameters"
-        self.add("F2", what + _fields(found), found.total(), 0)
-
-
-def _ids(letter: str) -> dict[str, str]:
-    return {term: f"{letter}{i}" for term, i in zip(WORDS, (2, 3, 4, 1), strict=True)}
+        self.add("recompile", what + _fields(found), found.total(), 0)
 
 
 def _place(worst: Worst) -> str:
@@ -588,12 +587,12 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
 def report(result: Result) -> Report:
     """Return the answer and the table."""
     rows: list[list[Cell | str]] = [
-        [one.id, one.quantity, f"{one.value:.3g}", f"{one.comparison} {one.limit:.3g}",
+        [one.quantity, f"{one.value:.3g}", f"{one.comparison} {one.limit:.3g}",
          Cell("holds", "good") if one.passed else Cell("fails", "bad")]
         for one in result.checks
     ]  # fmt: skip
     caption = f"{result.plant} at {result.samples} random points"
-    table = Matrix(caption=caption, columns=["", "quantity", "value", "limit", ""], rows=rows)
+    table = Matrix(caption=caption, columns=["quantity", "value", "limit", ""], rows=rows)
     blocks: list[Block] = [table, *map(plain, result.notes)]
     if not result.passed:
         w = result.worst

@@ -56,12 +56,13 @@ def of_plant(scenario: Scenario) -> list[Check]:
         box[name] = min(reached), max(reached)
     found = check(plant, box=box)
     rows, checks = {row.id: row for row in found.checks}, []
-    for id, row in (("A1e", "B1"), ("A1t", "A1"), ("A1x", "C1")):
-        if row in rows:
-            taken = replace(CRITERIA[id], limit=rows[row].limit).judge(rows[row].value)
+    written = ("mutation", "recompile")
+    for id, side in (("A1e", "model"), ("A1t", "engine"), ("A1x", "tree")):
+        if row := rows.get(f"{side}.accelerations"):
+            taken = replace(CRITERIA[id], limit=row.limit).judge(row.value)
             checks.append(taken if taken.passed else replace(taken, reason=found.headline))
-    stale = [rows[id].value for id in ("F1", "F2") if id in rows]
-    failed = [row for row in found.checks if not row.passed and row.id not in ("F1", "F2")]
+    stale = [rows[id].value for id in written if id in rows]
+    failed = [row for row in found.checks if not row.passed and row.id not in written]
     values = {"A1c": float(len(failed))} | ({"A3n": sum(stale)} if stale else {})
     study, lost = free_motion(scenario)
     values["A6f"] = lost
