@@ -330,15 +330,15 @@ def commands() -> list[str]:
     return [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
 
 
-def help_of(command: str) -> str:
-    """Return the help of a command."""
-    if command not in commands():
+def help_of(command: str = "") -> str:
+    """Return the help of a command, or the list of all."""
+    if command not in ["", *commands()]:
         raise KeyError(f"no command {command!r}")
     with (
         contextlib.redirect_stdout(io.StringIO()) as printed,
         mock.patch.dict(os.environ, COLUMNS="88"),
     ):
-        main([command, "--help"])
+        main([*command.split(), "--help"])
     lines = printed.getvalue().splitlines()
     return "\n".join(textwrap.fill(x, 88) if x and not x.startswith(" ") else x for x in lines)
 

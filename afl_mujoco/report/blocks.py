@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+from afl_mujoco.report.numbers import MISSING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
@@ -49,6 +52,14 @@ class Matrix:
         if any(len(row) != len(self.columns) for row in rows):
             raise ValueError(f"every row of {self.caption!r} must have {len(self.columns)} cells")
         return rows
+
+    @property
+    def filled(self) -> Matrix:
+        """The same without columns that have nothing in any row."""
+        columns = zip(*self.cells, strict=True)
+        shown = [any(cell.text not in ("", MISSING) for cell in column) for column in columns]
+        rows = [[*compress(row, shown)] for row in self.rows]
+        return replace(self, columns=[*compress(self.columns, shown)], rows=rows)
 
     @property
     def numbers(self) -> list[bool]:

@@ -421,7 +421,7 @@ def _statements(result: Result) -> Matrix:
     for one in result.statements:
         shares = "share" in one.measure or "relative" in one.measure
         value, limit = ((percent if shares else short)(x, 3) for x in (one.value, one.limit))
-        limit = f"{'≥' if one.at_least else '≤'} {limit}"
+        limit = f"{'≥' if one.at_least else '≤'} {limit}" + " counts" * ("counts" in one.measure)
         rows.append([one.id, value, limit, VERDICTS[one.holds], one.statement, one.suspected])
     return Matrix(
         caption="Statements of the protocol",

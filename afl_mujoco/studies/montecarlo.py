@@ -301,7 +301,7 @@ def _rates(result: Result) -> Matrix:
         + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
         columns=["Controller", "Passes [%]", "Settles [%]", "Median margin", "How it fails"],
         rows=rows,
-    )
+    ).filled
 
 
 def _draw_rates(result: Result) -> Any:
@@ -332,7 +332,7 @@ def _worst_cases(result: Result) -> Matrix:
         "ranges; what was moved most, as a share of its range",
         columns=["Controller", "Search", "Outcome", "Margin", "Distance", "Moved most", "File"],
         rows=rows,
-    )
+    ).filled
 
 
 def _messages(result: Result) -> Iterator[str]:

@@ -149,3 +149,9 @@ def test_no_name_steers_the_terminal(capsys) -> None:
     said = to_text(shown) + capsys.readouterr().out
     assert not re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202e]", said)
     assert said.count("]0;mine") >= 14
+
+
+def test_a_column_that_has_nothing_in_any_row_is_left_out() -> None:
+    rows = [("a", "–", "1", ""), ("b", "", "–", "–")]
+    some = blocks.Matrix(caption="", columns=("name", "none", "some", "empty"), rows=rows).filled
+    assert (some.columns, some.rows) == (["name", "some"], [["a", "1"], ["b", "–"]])

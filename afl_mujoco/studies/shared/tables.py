@@ -104,7 +104,6 @@ def graded(
         Figure(
             name=name,
             title=title,
-            caption=caption,
             draw=partial(heat, [*cells], columns[1:], grades, texts, words),
         ),
         Matrix(
