@@ -249,6 +249,7 @@ class PythonController(Controller):
     # After one that took longer, a process waits no more than `call_limit`
     first_call_limit: float = FIRST_CALL_LIMIT
     plant: Plant = CART_POLE  # what it controls
+    source: str | None = None  # hash of the file that defines it, as it was loaded
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
     not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"
@@ -261,6 +262,8 @@ class PythonController(Controller):
         if self.stateful is None:
             self._fresh()
             object.__setattr__(self, "stateful", remembers(self.function))
+        if self.source is None:
+            object.__setattr__(self, "source", _source_hash(_defined(self.function)))
 
     def start(self) -> PythonController:
         """Return the controller for one run: made anew or copied, if it is no function."""
@@ -348,12 +351,11 @@ class PythonController(Controller):
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance: its name and a hash of its file."""
-        function = self.function
-        named = function if hasattr(function, "__qualname__") else type(function)
+        named = _defined(self.function)
         return {
             "name": self.name,
             "function": f"{named.__module__}.{named.__qualname__}",
-            "source": _source_hash(named),
+            "source": self.source,
             "belief": assumed_as_data(self.belief),
         }
 
@@ -400,8 +402,17 @@ def _seen(value: Any) -> str:
 
 def _restored(given: dict[str, Any]) -> PythonController:
     if given["spec"] is not None:
-        given = {**given, "function": load_attribute(given["spec"])}
+        function = load_attribute(given["spec"])
+        if given["source"] not in (None, _source_hash(_defined(function))):
+            rule = "must not change while it runs, but its file did"
+            raise InvalidValueError(f"controller {given['spec']}", rule)
+        given = {**given, "function": function}
     return PythonController(**given)
+
+
+def _defined(function: Any) -> Any:
+    """Return what has a name and a file: a function or a class, or the class of an instance."""
+    return function if hasattr(function, "__qualname__") else type(function)
 
 
 def require_controller_function(name: str, function: object) -> None:
