@@ -23,14 +23,14 @@ copyright = "2026, the afl_mujoco developers"
 release = version = version_of("afl_mujoco")
 
 extensions = [
-    "myst_nb",
+    "myst_parser",
     "sphinx.ext.autodoc",
     "sphinx.ext.viewcode",
     "numpydoc",
     "sphinx_copybutton",
     "sphinx_design",
 ]
-exclude_patterns = ["results", "_build", "jupyter_execute", "pages"]
+exclude_patterns = ["results", "_build", "pages"]
 
 html_theme = "furo"
 html_title = "afl_mujoco"
@@ -41,11 +41,6 @@ html_copy_source = False
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
-nb_execution_mode = "force"
-nb_execution_raise_on_error = True
-nb_execution_timeout = 300
-nb_merge_streams = True
-nb_render_markdown_format = "gfm"  # its tables
 
 default_role = "code"  # docstrings quote code by single backticks
 autodoc_typehints_format = "short"

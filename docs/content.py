@@ -3,7 +3,8 @@
 A page of ``pages/`` is a Jinja template. ``{{ table("imperfections") }}`` is what the code
 declares, ``{{ thresholds.delay_adaptive }}`` a number of ``numbers.toml``,
 ``{{ sections("margins") }}`` what a study says of its result in ``results/``,
-``{{ output("bench_batch") }}`` what a script printed, ``{{ code("examples/quickstart.py") }}`` a
+``{{ output("bench_batch") }}`` what a script printed, ``{{ printed("tutorial", 2) }}`` what a
+block of a page did, ``{{ code("examples/quickstart.py") }}`` a
 file, ``{{ help("compare") }}`` the help of a command, ``{{ part("findings") }}`` a page of
 ``pages/parts``, which README.md has too. A link that begins with a slash is from this folder. An
 unknown name is an error.
@@ -46,6 +47,7 @@ from afl_mujoco.report.page import replay_html
 from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.studies.shared.contract import studies
 from afl_mujoco.studies.shared.record import Record, load_record
+from docs import tutorial
 from docs.tables import (
     faults_table,
     mutants_table,
@@ -238,6 +240,11 @@ class Content:
         text = (self.results / f"{name}.txt").read_text(encoding="utf-8")
         return f"```text\n{text}```"
 
+    def printed(self, name: str, block: int) -> str:
+        """Return what a block of a page printed when it was run."""
+        text = (self.results / f"{name}.txt").read_text(encoding="utf-8")
+        return f"```text\n{text.split(tutorial.MARK)[block].strip()}\n```"
+
     def part(self, name: str) -> str:
         """Return a part that the README has too."""
         return self.render((PAGES / "parts" / f"{name}.md").read_text(encoding="utf-8")).rstrip()
@@ -270,8 +277,9 @@ class Content:
             if name.parts[0] != "parts":
                 text = self.render(page.read_text(encoding="utf-8"))
                 made = f"<!-- Made by `make docs` of docs/pages/{name}: change that. -->\n\n"
-                text = text.replace("# ", f"{made}# ", 1)  # behind what a notebook begins with
-                found[DOCS / name] = _from(text, "../" * (len(name.parts) - 1))
+                found[DOCS / name] = _from(made + text, "../" * (len(name.parts) - 1))
+                if page == tutorial.PAGE:
+                    found[DOCS / "tutorial" / "tutorial.ipynb"] = tutorial.notebook(text)
         return found
 
     def render(self, text: str) -> str:
@@ -281,6 +289,7 @@ class Content:
             "table": self.table,
             "sections": self.sections,
             "output": self.output,
+            "printed": self.printed,
             "code": code,
             "help": help_of,
             "commands": commands,

@@ -41,9 +41,9 @@ class Source:
     @property
     def script(self) -> str:
         """The script whose output is kept as it is printed, empty if a study is run."""
-        folder = "benchmarks" if self.name.startswith("bench_") else "examples"
-        path = f"{folder}/{self.name}.py"
-        return path if (ROOT / path).is_file() else ""
+        folders = ("benchmarks",) if self.name.startswith("bench_") else ("examples", "docs")
+        there = (path for x in folders if (ROOT / (path := f"{x}/{self.name}.py")).is_file())
+        return next(there, "")
 
     @property
     def research(self) -> bool:
@@ -73,6 +73,7 @@ class Source:
 
 SOURCES = (
     Source("quickstart", 1),
+    Source("tutorial", 1),
     Source("validate", 2, ("--full",)),
     Source("estimation", 0.5),
     Source("readings", 25),

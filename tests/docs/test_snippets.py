@@ -1,9 +1,12 @@
 """What the README and the guides show in Python runs as it stands."""
 
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 import afl_mujoco as afl
 import afl_mujoco.studies as studies
@@ -69,3 +72,17 @@ def test_the_plant_of_the_guide_has_the_mistake_that_it_says_and_is_mended(tmp_p
     code, output, errors = command_line(*arguments)
     assert (code, errors) == (0, "")
     assert output.splitlines()[-1].startswith("PASS: furuta: MuJoCo obeys the equations at 1000")
+
+
+@pytest.mark.slow
+def test_the_tutorial_prints_what_its_page_shows(tmp_path: Path) -> None:
+    for part in ("tutorial", "pages/tutorial"):
+        shutil.copytree(ROOT / "docs" / part, tmp_path / part)
+    script = shutil.copy(ROOT / "docs" / "tutorial.py", tmp_path)
+    printed = run(f"import runpy; runpy.run_path({script!r}, run_name='__main__')", tmp_path)
+    page = (ROOT / "docs/tutorial/index.md").read_text(encoding="utf-8")
+    shown = [text.split("```")[0] for text in page.split("```text\n")[1:]]
+    found = [text for text in printed.split("# %%\n") if text]
+    assert len(shown) == len(found) == 4 and shown[:2] == found[:2]
+    assert [*map(verdicts, shown)] == [*map(verdicts, found)]
+    assert verdicts(shown[3])["|F| exerted at most 110 N"] == "✗✓"  # mine, Filtered
