@@ -36,17 +36,21 @@ def bound(controller: Controller, scenario: Scenario) -> Controller:
 
 
 def lqr_of(scenario: Scenario) -> LinearFeedback:
-    """Return the LQR of the plant of a scenario, about its target, weighted by its limits."""
+    """Return the LQR of the plant of a scenario, about its target, weighted by its requirements.
+
+    By nothing of the hardware: a study that varies this would vary the law with it.
+    """
     plant, asked = scenario.plant, scenario.requirements.max
     if plant.upright is None and not scenario.requirements.target:
         rule = "needs a plant that says where it is upright, or a target in [requirements]"
         raise InvalidValueError("controller 'lqr'", rule)
-    limits = [scenario.imperfections.of_input("input_limit", name) for name in plant.inputs]
-    most = [
-        asked.get(name, asked.get(f"{name}_command", limit or 0.0))
-        for name, limit in zip(plant.inputs, limits, strict=True)
-    ]
     model = plant_model(plant, threading.get_ident())
+    m = model.mj_model
+    ends = m.actuator_ctrllimited * np.abs(m.actuator_ctrlrange).max(axis=1)
+    most = [
+        asked.get(name, asked.get(f"{name}_command", end))
+        for name, end in zip(plant.inputs, ends.tolist(), strict=True)
+    ]
 
     def rest(values: Floats) -> Rest:
         return rest_of(model, np.array(scenario.target), values)

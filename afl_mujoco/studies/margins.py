@@ -12,6 +12,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import INFORMED, chosen
@@ -367,6 +368,9 @@ DURATION, PARTS = 20.0, 5
 """Length of a run [s], and the number of parts into which it is cut. A motion decays if it is no
 larger in the last part than in the first and in the one before the last."""
 
+DECAYED = 1e-6
+"""Share of the deviation at the start below which what is left may be round-off."""
+
 SMALL = 10.0 * START
 """Largest deviation in the last part [rad, m]: the motion may have grown into a limit cycle, which
 no longer grows."""
@@ -396,9 +400,9 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
             held: Sequence[float] = loop.held
         else:
             held = inputs_at_rest(point)
-        stable = motion_decays(point, Change())
+        stable = motion_decays(point, Change(held=held))
         for i, name in enumerate(inputs):
-            least = partial(_least, point, Change(i, held[i]))
+            least = partial(_least, point, Change(i, held))
             tolerated: dict[str, float | None] = {}
             if linear:
                 about = found[i].delay if found is not None else math.inf
@@ -419,7 +423,7 @@ class Change(NamedTuple):
     """What is changed of a loop at one of its inputs."""
 
     place: int = 0  # which of them
-    held: float = 0.0  # the input at rest
+    held: Sequence[float] = ()  # the inputs at rest, which act until the first command does
     delay: float = 0.0  # a transport delay on top of that of the imperfections [s]
     gain: float = 1.0  # a factor on its deviation from rest
 
@@ -466,10 +470,14 @@ def motion_decays(point: Point, change: Change) -> bool:
     if run.outcome.kind != COMPLETED:
         return False
     target = np.array([*point.scenario.target, *np.zeros(len(point.scenario.target))])
-    away = np.abs(run.state - target)
+    return decays(np.abs(run.state - target))
+
+
+def decays(away: NDArray[np.float64]) -> bool:
+    """Return whether deviations along a motion decay, those of coordinates to something small."""
     peaks = np.array([part.max(axis=0) for part in np.array_split(away, PARTS)])
-    decayed = (peaks[-1] <= np.minimum(peaks[0], peaks[-2])).all()
-    return bool(decayed and (peaks[-1, : len(target) // 2] <= SMALL).all())
+    least = np.maximum(np.minimum(peaks[0], peaks[-2]), DECAYED * START)
+    return bool((peaks[-1] <= least).all() and (peaks[-1, : away.shape[1] // 2] <= SMALL).all())
 
 
 def small_motion(point: Point, change: Change, start: float, duration: float) -> Trajectory:
@@ -492,13 +500,13 @@ def small_motion(point: Point, change: Change, start: float, duration: float) ->
         if change.gain != 1.0:
             motor = spec.actuators[i]
             motor.biastype = mjtBias.mjBIAS_AFFINE
-            motor.biasprm[0] = (1.0 - change.gain) * change.held * motor.gainprm[0]
+            motor.biasprm[0] = (1.0 - change.gain) * change.held[i] * motor.gainprm[0]
             motor.gainprm[0] *= change.gain
 
     model = SimulatedModel(plant, edit=amplify, imperfections=scenario.imperfections)
     model.compute_only()
     deployed = Deployed(timestep=timestep, control_period=period)
-    return simulate_sampled(scenario, controller, deployed, model=model)
+    return simulate_sampled(scenario, controller, deployed, model=model, held=change.held)
 
 
 # --- what is shown ------------------------------------------------------------------------------

@@ -52,7 +52,7 @@ DEFAULT, QUICK = (4, 13, 0.02), (2, 7, 0.2)
 """Seeds, levels of the scan and tolerance, unless given otherwise."""
 
 GRADES = (
-    "fails on the reference hardware",
+    "fails on the reference hardware or milder",
     "less than 3 × to spare",
     "3 to 10 × to spare",
     "more than 10 ×, or all that was tried",
@@ -268,7 +268,9 @@ def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
     """Return the grade of a sweep, an index into `GRADES`."""
     if not found.applies:
         return IDLE
-    if not survived(result.runs(found.reference)):
+    fails_at = found.survives.fails_at  # past a level that fails, others may hold by chance
+    milder = fails_at is not None and times_reference(one, fails_at) < 1.0
+    if milder or not survived(result.runs(found.reference)):
         return FAILS
     ratio = _spare(one, found)
     if found.survives.bound == LOWER or ratio >= 10.0:
