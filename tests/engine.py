@@ -1,4 +1,4 @@
-"""MuJoCo's cart-pole, asked with single numbers."""
+"""MuJoCo's cart-pole, asked with single numbers, and the environment stepped by a policy."""
 
 from collections.abc import Sequence
 
@@ -20,3 +20,12 @@ def jump(model: SimulatedModel, state: Sequence[float], impulse: float) -> NDArr
     write_state(model.addresses, np.array(state))
     impulse_jump(model.addresses, np.array([impulse, 0.0]), found)
     return found
+
+
+def episode(environment, policy):
+    """Return the true states of an episode, and its last step."""
+    step, states = environment.reset(), [environment.physics.true_state()]
+    while not step.last():
+        step = environment.step(policy(step))
+        states.append(environment.physics.true_state())
+    return np.array(states), step

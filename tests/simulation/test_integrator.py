@@ -5,14 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate._ivp.common import select_initial_step
 
 import afl_mujoco as afl
 from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.cartpole_equations import terms
 from afl_mujoco.scenario.time_steps import time_grid
-from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
@@ -39,29 +37,6 @@ def _run(scenario, derivative=lambda s, mass, length, push: (s[2], s[3], push / 
 
 
 REST = afl.Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
-
-
-def test_a_pulse_is_not_missed_and_an_impulse_jumps_with_the_mass_after_the_jump():
-    pulse = afl.ForcePulse(force=100.0, start=10.0003, duration=0.01)
-    times, states, outcome = _run(replace(REST, disturbances=(pulse,)))
-    assert (str(outcome), len(states)) == ("completed", len(times))
-    # M = 1 kg: 1 m/s after the pulse, and 5 mm gained within it
-    assert states[-1, 2] == pytest.approx(1.0, rel=TIGHT)
-    assert states[-1, 0] == pytest.approx(0.005 + 20.0 - 10.0103, rel=TIGHT)
-    assert (states[times <= 10.0003] == 0.0).all()
-    heavier = REST.with_schedule(cart_mass=afl.staircase((5.0,), (1.0, 2.0)))
-    scenario = replace(heavier, disturbances=(afl.Impulse(momentum=3.0, time=5.0),))
-    times, states, _ = _run(scenario)
-    assert (states[times < 5.0] == 0.0).all() and states[-1, 2] == pytest.approx(1.5, rel=TIGHT)
-    assert states[-1, 0] == pytest.approx(1.5 * 15.0, rel=TIGHT)
-
-
-def test_parameters_follow_the_schedule_within_a_segment():
-    # z'' = M(t) = 1 + t: z = t^2/2 + t^3/6
-    mass = afl.piecewise_linear((0.0, 2.0), (1.0, 3.0))
-    scenario = replace(REST.with_schedule(cart_mass=mass), duration=2.0)
-    _, states, _ = _run(scenario, lambda s, mass, length, push: (s[2], s[3], mass, 0.0))
-    assert states[-1, 0] == pytest.approx(2.0 + 8.0 / 6.0, rel=TIGHT)
 
 
 def test_a_fall_a_divergence_and_no_value_at_the_start_end_the_run_when_they_happen():
@@ -136,41 +111,3 @@ def test_a_fall_is_found_when_scipy_finds_it(start):
     assert run.outcome.kind == outcome.kind == "fell"
     assert run.outcome.time == pytest.approx(outcome.time, abs=1e-11)
     assert np.abs(run.state - states).max() < 1e-9
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-9, 1.0, 1e3])
-@pytest.mark.parametrize("rate", [0.0, 1e-9, 1.0, 1e3])
-def test_the_first_step_is_scipys(size, rate):
-    state = size * np.array([1.0, -0.3, 0.5, 0.2])
-    rtol, atol, longest = 1e-9, 1e-11, 0.5
-
-    def rates(_, time, x, out):
-        out[:] = rate * np.array([0.5, np.cos(x[0] + time), -x[1], 1.0])
-
-    slopes, point = np.zeros((dop853.ROWS, 4)), np.zeros(4)
-    rates(None, 0.0, state, slopes[0])
-
-    def rate_of(time, x):
-        rates(None, time, x, out := np.zeros(4))
-        return out
-
-    asked = (rate_of, 0.0, state, 1e9, longest, slopes[0].copy(), 1, 7, rtol, atol)
-    ours = dop853.first_step(rates, None, 0.0, state, longest, slopes, point, rtol, atol)
-    assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)
-
-
-@pytest.mark.parametrize("which", range(4))
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_where_a_slope_has_no_value_no_step_is_tried(which, value):
-    asked = []
-
-    def rates(_, time, x, out):
-        asked.append(time)
-        out[:] = 1.0
-        out[which] = value
-
-    work, found = np.full_like(dop853.work_space(4), np.nan), np.empty((1, 4))
-    limits, options = criterion_of(SCENARIO), (1e-9, 1e-9, 1.0)
-    end = (np.ones(4), np.ones(1), options, work, found)
-    assert dop853.solve(rates, None, limits, 0.0, 1.0, *end) == (0, 0.0, dop853.STUCK)
-    assert asked == [0.0]

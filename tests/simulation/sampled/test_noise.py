@@ -39,12 +39,3 @@ def test_each_channel_is_standard_normal_and_white():
 ], ids=str)  # fmt: skip
 def test_another_seed_or_tick_is_other_noise(one, other):
     assert len({*normals(*one), *normals(*other)}) == 8
-
-
-def test_the_channels_are_the_box_muller_transform_of_a_block_of_words():
-    seed, tick = 3 * 2**32 + 7, 5 * 2**32 + 11
-    block = random_words(np.array([11, 5, 0, 0], np.uint64), np.array([7, 3], np.uint64))
-    shares = (np.array(block, dtype=float) + 0.5) / 2**32
-    radii, angles = np.sqrt(-2.0 * np.log(shares[::2])), 2.0 * np.pi * shares[1::2]
-    expected = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1).ravel()
-    np.testing.assert_allclose(normals(seed, tick), expected, rtol=1e-12)
