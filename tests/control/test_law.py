@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from afl_mujoco import Gains, acceleration, control_force, sliding_variable
+from afl_mujoco import Gains, control_force, sliding_variable
 from afl_mujoco.control import law as fl
-from afl_mujoco.control.law import commanded_acceleration
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from tests.messages import line
 
@@ -46,15 +45,6 @@ def test_the_sliding_variable_is_l8_and_the_force_l9_and_l10_in_l1(random_states
     # the largest term of u is of order 1e4 here
     actual = control_force(random_states, p, GAINS)
     np.testing.assert_allclose(actual, expected, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("surface", [-500.0, -3.0, 3.0, 500.0], ids=str)
-def test_the_surface_attracts(surface):
-    b, drift = -20.0, 13.0
-    u = commanded_acceleration(surface, drift, b, GAINS.switching, GAINS.boundary_layer)
-    rate = drift + b * u  # s' = a + b u
-    assert rate * surface < 0.0
-    assert rate == pytest.approx(b * 87.0 * np.clip(surface / 63.0, -1, 1), rel=1e-13)
 
 
 @pytest.mark.parametrize("side", [-1, 1], ids=["left", "right"])
@@ -128,15 +118,3 @@ def test_the_code_computes_the_lie_derivatives(derived, random_states, odd_param
         expected = [float(exact(state, half, gravity)) for state in random_states.tolist()]
         scale = np.abs(expected).max() * 1e-3  # where terms cancel, relative to the terms
         np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * scale)
-
-
-def test_with_l1_the_plant_becomes_the_reduced_system(random_states, odd_parameters, rng):
-    p = odd_parameters
-    command = rng.uniform(-50, 50, len(random_states))
-    _, angle, _, rate = random_states.T
-    plant = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-    force = fl.linearizing_force(command, angle, rate, *plant)
-    pole = 3 / (4 * p.half_length) * (p.gravity * np.sin(angle) + command * np.cos(angle))
-    expected = np.stack([command, pole], axis=-1)
-    actual = acceleration(random_states, force, p)
-    np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * 50)  # of |u|
