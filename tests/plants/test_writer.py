@@ -1,6 +1,5 @@
 """Parameters written in place are those of a model compiled afresh."""
 
-import ctypes
 import pickle
 from dataclasses import replace
 
@@ -119,15 +118,6 @@ def test_a_write_that_sums_over_arrays_is_not_believed_and_order_is_no_matter(tm
     np.testing.assert_array_equal(model.rows(p)[:, columns], usual.rows(p))
 
 
-def test_addresses_are_those_of_the_numbers_in_the_model() -> None:
-    plant = known("cart-pole")
-    model = PlantModel(plant)
-    (row,) = model.rows(drawn(plant, 1))
-    model.write(row)
-    at = [ctypes.c_double.from_address(int(x)).value for x in model.addresses]
-    np.testing.assert_array_equal(at, row)
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_the_compiled_writer_writes_the_same(name: str) -> None:
     plant = known(name)
@@ -164,11 +154,6 @@ def test_a_geom_without_mass_may_be_written_without_its_body(mass: str, tmp_path
         return
     with pytest.raises(afl.AflMujocoError, match="a geom that has its mass"):
         PlantModel(plant)
-
-
-def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
-    with pytest.raises(afl.AflMujocoError, match="p has mass, length; did you mean length"):
-        PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
 
 
 def test_a_plant_made_of_a_loaded_one_is_not_taken_for_it_elsewhere(tmp_path) -> None:
