@@ -18,7 +18,6 @@ from afl_mujoco.studies.margins import HELD, MEASURED, Request, difference, run
 from afl_mujoco.studies.shared import loop_margins as under_test
 from afl_mujoco.studies.shared.loop_margins import Loop, held_plant
 
-NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
 LIGHT_AND_SHORT = afl.CartPoleParameters(cart_mass=0.1, half_length=0.05)
 
@@ -108,28 +107,6 @@ def test_a_loop_that_is_not_stable_has_no_margins():
         loop_margins(unstable_lag(2.5), 0.0)
 
 
-def delayed_radius(loop, period, periods):
-    """Spectral radius of the sampled loop whose force comes some whole periods late."""
-    a, b = held_plant(loop, period, [0.0])
-    order = len(a)
-    late = np.eye(order + periods, k=-1)
-    late[:order, :order], late[order:, :order], late[:order, order:] = a, 0.0, 0.0
-    if periods:
-        late[:order, -1], late[order, :order] = b[:, 0], -loop.k[0]
-    else:
-        late[:order, :order] = a - b @ loop.k
-    return np.abs(np.linalg.eigvals(late)).max()
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("plant", [NOMINAL, LIGHT_AND_SHORT], ids=["nominal", "light"])
-def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant):
-    loop, period = linearize(afl.CONTROLLERS[name], plant), 1e-3
-    whole = math.floor(loop_margins(loop, period).delay / period)
-    assert delayed_radius(loop, period, whole) < 1.0
-    assert delayed_radius(loop, period, whole + 1) > 1.0
-
-
 def test_the_linearised_plant_is_the_closed_form(odd_parameters):
     for plant in (odd_parameters, NOMINAL, LIGHT_AND_SHORT):
         loop, model = linearize(afl.CONTROLLERS["lqr"], plant), upright_model(plant)
@@ -163,30 +140,6 @@ def test_a_controller_with_a_kink_at_upright_is_refused():
 def test_a_controller_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
     with pytest.raises(InvalidValueError, match=rule):
         linearize(PythonController(name="lame", function=function), NOMINAL)
-
-
-def test_a_controller_that_bends_has_its_slope_and_an_lqr_the_margins_of_every_lqr():
-    def function(time, state, belief):
-        return float(-100.0 * state[1] + 500.0 * state[1] ** 2 - 7.0 * state[2])
-
-    found = linearize(PythonController(name="bent", function=function), NOMINAL).k
-    np.testing.assert_allclose(found[0], (0.0, 100.0, 7.0, 0.0), rtol=1e-8, atol=1e-8)
-    for mass, length in ((0.1, 0.05), (0.7, 0.3), (1.0, 0.5), (2.0, 1.0)):
-        plant = afl.CartPoleParameters(cart_mass=mass, half_length=length)
-        margins = loop_margins(linearize(afl.CONTROLLERS["lqr"], plant))
-        assert margins.phase >= 60.0 and margins.gain_decrease <= 0.5
-        assert margins.gain_increase == math.inf
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 2.6])
-def test_a_delay_of_the_loop_is_taken_from_the_margin(share: float) -> None:
-    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
-    period = 0.01
-    alone = loop_margins(loop, period)
-    delayed = loop_margins(loop, period, afl.Imperfections(delay=share * period))
-    assert alone is not None and delayed is not None
-    assert delayed.delay == pytest.approx(alone.delay - share * period, rel=1e-7)
-    assert (delayed.disk < alone.disk) == (share > 0.0)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.0234])

@@ -60,12 +60,6 @@ def test_a_survey_holds_the_margins_of_each_plant_but_where_the_hold_is_unstable
     assert "fixed-nominal unstable on 1 of 4 plants" in margins.report(survey).headline
 
 
-@pytest.mark.slow
-def test_two_workers_find_the_same_margins(survey: margins.Result) -> None:
-    controllers = [CONTROLLERS[name] for name in survey.controllers]
-    assert margins.run(margins.Request(AT_REST, controllers, GRID), workers=2) == survey
-
-
 def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:
     few = ["--controllers", "lqr", "--quick", "--no-measure", "--workers", "1", "--out", "out"]
     code, output, errors = command_line("margins", "nominal", *few)

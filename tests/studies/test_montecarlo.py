@@ -20,7 +20,6 @@ from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies.montecarlo import run
 from afl_mujoco.studies.shared.run import run_all
 from tests.plants.plants import varied
-from tests.program import interrupt
 from tests.program import run as program
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
@@ -219,12 +218,3 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     (file,) = (tmp_path / "shown").glob("*.npz")
     outcome = afl.Trajectory.load(file).outcome
     assert (outcome.kind, outcome.time) == (failures[0]["outcome"], failures[0]["time"])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("workers", ["1", "2"])
-def test_ctrl_c_is_one_line_exit_130_and_nothing_written(tmp_path: Path, workers: str) -> None:
-    out = tmp_path / "out"
-    command = ("montecarlo", "--workers", workers, "--out", "out")
-    interrupt(*command, cwd=tmp_path, once=out.exists, after=2.0)
-    assert list(out.iterdir()) == []

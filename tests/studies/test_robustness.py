@@ -7,7 +7,6 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.pool import open_executor
-from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
@@ -19,7 +18,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import Run, run_all
-from afl_mujoco.studies.shared.search import BRACKETED, Budget, minimise
+from afl_mujoco.studies.shared.search import Budget, minimise
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
@@ -29,7 +28,6 @@ SPACE = SampleSpace(replace(LEANING, ranges=VARIED))
 SAMPLES = 16
 SMALL = Budget(generations=3, population=6)
 SHORT = near_laboratory(duration=2.0, last_change=1.0)
-EULER = Deployed("Euler")
 
 
 def drawn(count=SAMPLES, space=SPACE, deployed=DEFAULT, workers=1, controllers=(LQR,), seed=1):
@@ -45,18 +43,6 @@ def runs() -> list[Run]:
 def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how):
     with open_executor(workers) as executor:
         return robustness.search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
-
-
-@pytest.mark.parametrize("name", ["delay", "end_stops.z"])
-def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
-    settings = robustness.Settings(seeds=1, scan=5, tolerance=0.1)
-    found = robustness.sweep(robustness.SweepUnit(name, LQR, (LEANING,), settings)).survives
-    assert found.bound == BRACKETED
-    for level, survives in ((found.holds_at, True), (found.fails_at, False)):
-        there = replace(LEANING, imperfections=IDEAL.changed({name: level}))
-        alone = afl.simulate_mujoco(there, LQR)
-        reached = name == "end_stops.z" and np.abs(alone.state[:, 0]).max() >= level
-        assert (alone.outcome.kind == "completed" and not reached) == survives
 
 
 def test_samples_are_single_runs_and_depend_on_neither_number_nor_company(runs) -> None:
@@ -109,18 +95,6 @@ def test_the_nearest_failure_is_searched_from_the_nearest_known(runs, monkeypatc
         point[axis] += 0.3 if point[axis] < 0.5 else -0.3
         same = SHORT.scenario_of(point, 0, 1) == home
         assert same == (robustness.distance_of(SHORT, point) == 0.0), name
-
-
-@pytest.mark.slow
-def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
-    found = drawn(10, SHORT, EULER)["lqr"]
-    assert not any(run.failure for run in found)  # a failure that only the search finds
-    budget = Budget(generations=4, population=8)
-    one, two = (searched(found, SHORT, budget, EULER, workers) for workers in (1, 2))
-    assert one == two
-    hardest, nearest = one
-    assert hardest.run[0].failure and nearest.run[0].failure
-    assert nearest.distance <= hardest.distance
 
 
 @pytest.mark.parametrize(("changes", "message"), [

@@ -34,22 +34,6 @@ def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
     return robustness.sweep(robustness.SweepUnit(name, controller, scenarios, settings))
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_an_imperfection_sets_its_fields_at_levels_within_its_range(name: str) -> None:
-    one = robustness.KNOWN[name]
-    found = robustness.hardware_at(one, one.reference)
-    assert found.keys() == {*one.fields, *one.switches, "seed"}
-    for field, factor in one.fields.items():
-        assert found[field] == pytest.approx(factor * one.reference)
-    low, high = sorted((one.benign, one.harsh))
-    assert low < one.reference < high
-    assert one.less_is_worse == (name in ("input_limit", "slew_rate", "end_stops.z"))
-    for level in (one.benign, one.harsh):
-        afl.SCENARIOS["nominal"].changed(robustness.hardware_at(one, level))
-    thousandth = one.unit.startswith("g") or (one.unit[0] == "m" and one.unit[1:2].isalpha())
-    assert one.scale == (1e2 if one.unit == "%" else 1e3 if thousandth else 1.0)
-
-
 def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
     set_ = {field for one in IMPERFECTIONS for field in (*one.fields, *one.switches)}
     there = {*DECLARATIONS}
@@ -149,19 +133,6 @@ def test_what_a_controller_does_not_read_is_no_imperfection_for_it() -> None:
     assert row.rstrip().endswith("–") and "> 3000" in row  # lqr, that reads it
 
 
-def test_where_a_scenario_has_requirements_they_decide() -> None:
-    wide = replace(OWN, requirements=afl.Requirements(max={"z": 50.0}))
-    narrow = replace(OWN, requirements=afl.Requirements(max={"z": 0.5}))
-    for scenario, failure in ((wide, ""), (narrow, "max.z")):
-        alone = replace(SETTINGS, seeds=1)
-        (one,) = robustness.run_bare(robustness.SweepUnit("", LQR, (scenario,), alone))
-        assert one.failure == failure
-    (steep,) = run_all(LQR, [replace(narrow, initial_state=(0.0, 1.5, 0.0, 0.0))])
-    assert steep.failure == "fell"
-    hard = replace(CALM, requirements=afl.Requirements(max={"phi": 0.09, "force": 1.0}))
-    assert run_all(ADAPTIVE, [hard])[0].failure == "max.force"  # the angle only by 11 %
-
-
 def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     """Neither one that misses a requirement without any imperfection, nor one that raises."""
 
@@ -189,24 +160,6 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     assert found.sweep("delay", "lqr").survives.fails_at is not None
     text = to_text(report(found).blocks)
     assert "weak falls" in text and "my own problem" in text
-
-
-@pytest.mark.slow
-def test_the_worst_of_the_scenarios_counts_for_any_number_of_workers() -> None:
-    gentle = replace(CASE, name="gentle", initial_state=(0.0, -0.01, 0.0, 0.0))
-    alone, both = swept("input_limit"), swept("input_limit", scenarios=(gentle, CASE))
-    assert both.survives == alone.survives
-    assert [one.scenario for one in both.failure if one.failure] == ["step-step"]
-    easy = swept("input_limit", scenarios=(gentle,))
-    assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
-    done: list[tuple] = []
-    settings = replace(SETTINGS, scan=3, tolerance=0.5)
-    asked = Request([LQR, ADAPTIVE], (replace(CASE, duration=2.0),), settings, ("delay", "noise"))
-    one = run(asked, progress=lambda *step: done.append(step))
-    assert one == run(asked, workers=2)
-    assert [step[1:] for step in done] == [(k, 4) for k in range(5)]
-    assert done[1][0] == "sweeping: lqr, transport delay"
-    assert one.sweep("noise", "adaptive").imperfection == "noise"
 
 
 CONTROLLER = "def push(time, state, belief):\n    return 20.0 * state[1] + 4.0 * state[3]\n"

@@ -7,14 +7,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
-from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.report.blocks import Cell, Matrix, Section, figures_of
-from afl_mujoco.simulation.judgement import Judgement
-from afl_mujoco.studies.shared.arrays import packed
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record, save_record
-from afl_mujoco.studies.shared.run import Run as Row
-from afl_mujoco.studies.shared.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, report, run, verdict_of
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
 from afl_mujoco.studies.verify.criteria import CRITERIA
@@ -58,14 +53,6 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Resu
     assert short.omissions == short.claims == ()
 
 
-@pytest.mark.slow
-def test_two_workers_give_the_same_result_as_one(short: Result) -> None:
-    (data, arrays), (same, others) = packed(short), packed(run(Request([SHORT], USED), workers=2))
-    assert data == same
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(array, others[name])
-
-
 def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:
     nominal = run(Request([afl.SCENARIOS["nominal"]], USED[:1]))
     assert nominal.runs[0].metrics["objective"] == 3.0
@@ -75,20 +62,6 @@ def matrix(result: Result, caption: str) -> list[list[Cell]]:
     walked = Section("", "", report(result).blocks).walk()
     (found,) = (one for one in walked if isinstance(one, Matrix) and caption in one.caption)
     return found.cells
-
-
-def missed(failure: str = "fell") -> Row:
-    whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
-    return Row(
-        scenario="step-step",
-        controller="adaptive",
-        outcome=failure,
-        failure=failure,
-        settled=False,
-        time=0.7,
-        metrics=dict.fromkeys(columns_of(CART_POLE)),
-        requirements=(whole,),
-    )
 
 
 def test_the_headline_says_whether_the_codes_agree_and_what_became_of_the_claims() -> None:
@@ -114,18 +87,6 @@ def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
     pairs = zip(fell.runs, whole.runs, strict=True)
     runs = tuple(one if one.simulator == "mujoco sampled" else other for one, other in pairs)
     assert "4 of 4 cases did not complete" in report(replace(whole, runs=runs)).headline
-
-
-def test_a_requirement_that_is_missed_fails_and_is_shown() -> None:
-    checks, rows = make_result().checks, (missed(),)
-    result = replace(make_result(full=False), rows=rows, verdict=verdict_of(checks, rows))
-    found = report(result)
-    assert not found.passed and result.verdict == "fail"
-    assert found.headline == ("CODES AGREE 22/22; 1 of 1 runs fail: adaptive on step-step falls")
-    assert isinstance(found.blocks[0], Matrix) and "step-step" in found.blocks[0].caption
-    assert not isinstance(report(make_result()).blocks[0], Matrix)
-    with pytest.raises(ValueError, match="verdict must be 'fail'"):
-        replace(result, verdict="pass")
 
 
 def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -> None:
