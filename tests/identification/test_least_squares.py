@@ -71,20 +71,6 @@ def test_a_few_wild_readings_and_masked_ones_do_not_move_the_estimate() -> None:
     assert found.by_name["rate"] == pytest.approx(2.0, abs=4.0 * found.errors[0])
 
 
-def test_two_that_only_act_together_are_correlated() -> None:
-    data = decays(np.random.default_rng(4), 30)
-
-    def residuals(shared, starts):
-        return (starts * np.exp(-(shared[0] + 1.001 * shared[1]) * T) - data) / 0.01
-
-    found = fit(
-        residuals, [parameter("a", 1.0), parameter("b", 1.2)], np.ones((30, 1)), np.arange(30),
-        start_scale=np.ones(1),
-    )  # fmt: skip
-    assert abs(found.correlations[0, 1]) > 0.9 or found.errors.max() > 1.0
-    assert found.values.sum() == pytest.approx(2.0, abs=0.1)
-
-
 def test_what_was_taken_as_known_widens_the_interval() -> None:
     data = decays(np.random.default_rng(5), 40)
     first = fitted(data, [parameter("rate", 1.0)])
