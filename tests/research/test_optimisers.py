@@ -106,14 +106,6 @@ def test_a_tiny_benchmark_finds_what_it_should(tiny: optimisers.Result) -> None:
     assert tiny.optima[0].cost <= tiny.best_costs[0] < tiny.optima[0].cost * 1.01
 
 
-@pytest.mark.slow
-def test_a_run_gives_the_same_whoever_shares_it_and_whatever_else_is_compared(tiny) -> None:
-    alone = optimisers.run_benchmark(replace(TINY, optimisers=(SMALL,)), workers=2)
-    np.testing.assert_array_equal(alone.evaluations[0], tiny.evaluations[1])
-    other = optimisers.run_benchmark(replace(TINY, optimisers=(SMALL,), seed=1))
-    assert not np.array_equal(other.evaluations[0], tiny.evaluations[1])
-
-
 def test_the_result_of_the_site_is_whole_and_its_scores_follow_from_its_runs() -> None:
     result, written = optimisers.load_result(RESULT), json.loads(RESULT.read_text(encoding="utf-8"))
     assert result.benchmark == optimisers.Benchmark()
