@@ -20,7 +20,6 @@ from afl_mujoco.studies.verify.criteria import CRITERIA
 CART_MASS = st.floats(0.1, 2.0)
 HALF_LENGTH = st.floats(0.05, 1.0)
 POLE_MASS = st.floats(0.01, 0.5)
-WIDE = st.floats(1, 500)
 STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
 CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
 PLANTS = st.builds(
@@ -46,37 +45,6 @@ def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> No
         inputs = inputs_for(controller, plant)
         force = afl_force(np.array(state), inputs)
         assert math.isfinite(force) and afl_force(-np.array(state), inputs) == -force
-
-    holds()
-
-
-@settings(derandomize=True, max_examples=300, deadline=None)
-@given(state=STATES, plant=PLANTS, gains=st.builds(
-    afl.Gains, switching=WIDE, slope=st.floats(0.1, 5), boundary_layer=WIDE,
-))  # fmt: skip
-def test_the_readable_controller_is_odd_to_the_last_bit(state, plant, gains) -> None:
-    there = afl.control_force(state, plant, gains)
-    assert afl.control_force(np.negative(state), plant, gains) == -there
-
-
-@pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_controller_has_no_jump_between_any_two_states(controller: str) -> None:
-    @settings(derandomize=True, max_examples=200, deadline=None)
-    @given(one=STATES, other=STATES, plant=PLANTS)
-    def holds(one: tuple[float, ...], other: tuple[float, ...], plant: afl.CartPoleParameters):
-        inputs = inputs_for(controller, plant)
-        a, b = np.array(one), np.array(other)
-        forces = afl_force(a, inputs), afl_force(b, inputs)
-        largest = max(1.0, *map(abs, forces))
-        for _ in range(50):  # into the half over which the force changes more: a jump would stay
-            middle = 0.5 * (a + b)
-            force = afl_force(middle, inputs)
-            largest = max(largest, abs(force))
-            if abs(force - forces[0]) > abs(force - forces[1]):
-                b, forces = middle, (forces[0], force)
-            else:
-                a, forces = middle, (force, forces[1])
-        assert abs(forces[1] - forces[0]) <= 1e-10 * largest  # 1e-15 apart, and round-off
 
     holds()
 
@@ -142,26 +110,6 @@ def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> N
             assert difference <= CRITERIA[check].limit, check
 
     holds()
-
-
-@pytest.mark.parametrize("controller", CONTROLLERS)
-@pytest.mark.parametrize("angle", [1.45, -1.55], ids=str)
-def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(controller, angle) -> None:
-    scenario = afl.Scenario(
-        name="falling",
-        schedule={"half_length": afl.constant(0.15)},
-        disturbances=(afl.Impulse(momentum=-60.0 * math.copysign(1, angle), time=0.0107),),
-        initial_state=(0.0, angle, 0.0, math.copysign(1.0, angle)),
-        duration=1.0,
-    )
-    runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
-    outcomes = {run.outcome.kind for run in runs.values()}
-    assert outcomes in ({"fell"}, {"diverged"})
-    times = [runs[name].outcome.time for name in ("mujoco exact", "ode")]
-    assert times[0] == pytest.approx(times[1], abs=1e-9)  # RK4 misses it by some steps
-    before = runs["ode"].time < 0.0107  # the controller amplifies round-off on the way down
-    one, other = (runs[name].state[: before.sum()] for name in ("mujoco exact", "ode"))
-    assert before.sum() > 10 and abs(one - other).max() <= CRITERIA["B1"].limit
 
 
 def test_a_pulse_may_end_a_rounding_early_and_a_ramp_too_steep_for_a_float_is_a_jump() -> None:
