@@ -310,16 +310,6 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
         other.submit(slow.command, 0.0, STATE, ASSUMED).result()
 
 
-@pytest.mark.parametrize(("given", "said"), [
-    (lambda time, state: 0.0, "must take "), (3.0, "must be callable, got 3.0"),
-    (lambda: 3.0, "must be callable, got 3.0"), (type("Lame", (), {}), "must be callable"),
-    (type("Needy", (), {"__init__": lambda self, gain: None}), "cannot be started: TypeError"),
-], ids=["two", "number", "makes a number", "no call", "needs an argument"])  # fmt: skip
-def test_what_makes_no_controller_is_refused_in_one_line(given, said):
-    with pytest.raises(InvalidValueError, match=rf"^controller 'mine' {said}"):
-        controller_of(given)
-
-
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
 @pytest.mark.parametrize("gains", ["fixed", "fixed-nominal"])
 def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
@@ -395,6 +385,8 @@ LOADED = {
     "m:lacks": ("x = 1", "which has no 'lacks'"),
     "m:number": ("number = 1", "must be callable, got 1"),
     "m:object": ("class C: pass\nobject = C()", "must be callable, got an object of class C"),
+    "m:made": ("def made(): return 3.0", "must be callable, got 3.0"),
+    "m:Needy": ("class Needy:\n def __init__(self, gain): pass", "cannot be started: TypeError"),
     "m:two": ("def two(t, x): return 0.0", "must take (time, state, belief): "),
     **dict.fromkeys(("m:x y", "m:", "a-b:f", "m:x-estimated", "../m.py:f", "/m.py:f"),
                     ("x = 1", NAMED)),

@@ -39,15 +39,6 @@ def fitted_to_scatter(data, parameters, mask=None, known=0.0):
     return fit_to_scatter(errors, mask, parameters, *own, start_scale=np.ones(1))
 
 
-def test_a_shared_rate_is_found_and_a_bound_is_met_exactly_and_has_no_interval() -> None:
-    data = decays(np.random.default_rng(0), 60)
-    found = fitted(data, [parameter("rate", 1.0)], np.repeat(np.arange(12), 5))
-    assert found.by_name["rate"] == pytest.approx(2.0, abs=3.0 * found.errors[0])
-    assert found.degrees == 11
-    found = fitted(decays(np.random.default_rng(3), 30), [parameter("rate", 1.0, high=1.5)])
-    assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
-
-
 def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
     held = []
     for seed in range(120):

@@ -10,9 +10,9 @@ import sympy as sp
 
 import afl_mujoco as afl
 from afl_mujoco.plants import equations
-from afl_mujoco.plants.equations import Equations, Points, load_equations
+from afl_mujoco.plants.equations import Points, load_equations
 from tests.plants import plants
-from tests.plants.plants import known, small
+from tests.plants.plants import small
 
 ROOT = Path(__file__).parents[2]
 
@@ -21,19 +21,6 @@ def points(plant: afl.Plant, count: int = 20) -> Points:
     n, rng = len(plant.coordinates), np.random.default_rng(0)
     q, v, u = (rng.uniform(-1, 1, (count, x)) for x in (n, n, len(plant.inputs)))
     return Points(q, v, u, np.tile(plant.nominal, (count, 1)))
-
-
-def test_compiled_and_interpreted_give_the_same_with_one_key_in_every_process(tmp_path) -> None:
-    plant = known("cart_double_pendulum.py:plant")
-    found = load_equations(plant, points(plant))
-    assert found.how == "compiled"
-    slow = Equations(plant, equations._interpreted(plant), "")
-    np.testing.assert_allclose(found.at(points(plant)), slow.at(points(plant)), rtol=1e-12)
-    """Else nothing would be found in the cache."""
-    body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
-    plant = small(tmp_path, plants.equations(body))
-    said = [*equations._read(plant.accelerations, {})]
-    assert not any(" at 0x" in text for text in said)
 
 
 def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, monkeypatch):

@@ -19,7 +19,6 @@ from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies.montecarlo import run
 from afl_mujoco.studies.shared.run import run_all
-from tests.plants.plants import varied
 from tests.program import run as program
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
@@ -85,22 +84,6 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy, tmp_path) -
         (again,) = run_all(afl.CONTROLLERS[one.controller], [load_scenario(file)])
         assert replace(again, draw=one.draw) == one
         assert find_replay(str(file)) == Replay(controller=one.controller, integrator="RK4")
-
-
-def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch) -> None:
-    (tmp_path / "own.toml").write_text(
-        f'plant = "{varied(tmp_path)}"\nduration = 0.1\n[requirements]\nmax = {{ arm = 0.1 }}\n'
-        "[ranges]\narm = [0.2, 0.3]\n"
-    )
-    monkeypatch.chdir(tmp_path)
-    space = SampleSpace(load_scenario("own.toml"))
-    idle = PythonController(name="idle", function=lambda t, x, belief: 0.0)
-    found = run(asked(idle, samples=1, space=space))
-    Path("out").mkdir()
-    montecarlo.write_files(found, Path("out"))
-    (one,) = found.rows
-    (again,) = run_all(idle, [load_scenario(Path("out", montecarlo.file_of("idle", one)))])
-    assert replace(again, draw=one.draw) == one
 
 
 def hangs(t, state, belief):

@@ -12,7 +12,6 @@ from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     draws_of,
     sample_point,
-    sample_scenario,
     search_generator,
 )
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
@@ -43,17 +42,6 @@ def runs() -> list[Run]:
 def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how):
     with open_executor(workers) as executor:
         return robustness.search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
-
-
-def test_samples_are_single_runs_and_depend_on_neither_number_nor_company(runs) -> None:
-    for index, run in enumerate(runs):
-        alone = afl.simulate_mujoco(sample_scenario(SPACE, index, 1), LQR)
-        assert (alone.outcome.kind, alone.outcome.time) == (run.outcome, run.time)
-        assert run.metrics["peak_phi"] == np.abs(alone.state[:, 1]).max()
-        assert bool(run.failure) == (alone.outcome.kind != "completed") and run.draw == index
-    assert 0 < sum(bool(run.failure) for run in runs) < SAMPLES
-    assert drawn(5, controllers=(ADAPTIVE, LQR))["lqr"] == runs[:5]
-    assert drawn(5, seed=2)["lqr"] != runs[:5]
 
 
 @pytest.mark.slow
