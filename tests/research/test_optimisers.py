@@ -14,7 +14,7 @@ from research.genetic import Box
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "optimisers.json"
 NEVER = float("inf")
-PAPER, SMALL = "multiple-crossover GA, Np = 1000", "multiple-crossover GA, Np = 60"
+PAPER = "multiple-crossover GA, Np = 1000"
 CORNER = optimisers.Problem(cart_mass=0.5, half_length=0.2)
 TINY = optimisers.Benchmark(problems=(CORNER,), targets=(1e-1, 1e-2), runs=2, budget=1500)
 

@@ -20,14 +20,13 @@ CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)
 CASES = (CASE,)
 CALM = replace(CASE, duration=2.0, initial_state=(0.0, 0.1, 0.0, 0.0))
 SETTINGS = robustness.Settings(seeds=2, scan=5, tolerance=0.05)
-LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
+LQR = afl.CONTROLLERS["lqr"]
 OWN = replace(
     CASE,
     duration=6.0,
     imperfections=Imperfections(control_period=0.005, delay=0.002, noise={"phi": 1e-4}, seed=7),
     requirements=afl.Requirements(max={"z": 3.0}, settling_time=5.5),
 )
-NAMES = [one.name for one in IMPERFECTIONS]
 
 
 def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
