@@ -1,18 +1,11 @@
-"""MuJoCo's cart-pole, asked with single numbers."""
+"""MuJoCo's cart-pole under one impulse, and the environment stepped by a policy."""
 
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.simulation.mujoco_model import SimulatedModel, forward, impulse_jump, write_state
-
-
-def accelerations(model: SimulatedModel, state: Sequence[float], force: float, push: float = 0.0):
-    found = np.empty(2)
-    given = (np.array(state), np.array([force]), np.array([push, 0.0]))
-    forward(model.addresses, *given, found)
-    return found
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, impulse_jump, write_state
 
 
 def jump(model: SimulatedModel, state: Sequence[float], impulse: float) -> NDArray[np.float64]:
@@ -20,3 +13,12 @@ def jump(model: SimulatedModel, state: Sequence[float], impulse: float) -> NDArr
     write_state(model.addresses, np.array(state))
     impulse_jump(model.addresses, np.array([impulse, 0.0]), found)
     return found
+
+
+def episode(environment, policy):
+    """Return the true states of an episode, and its last step."""
+    step, states = environment.reset(), [environment.physics.true_state()]
+    while not step.last():
+        step = environment.step(policy(step))
+        states.append(environment.physics.true_state())
+    return np.array(states), step

@@ -106,29 +106,10 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
     )
 
 
+@cache
 def estimation() -> estimation_study.Result:
-    instants = np.linspace(0.0, 12.0, 50)
-    metrics = {"objective": 2.0, "iae_z": 9.0, "max_force": 59.0}
-    loops = [
-        estimation_study.Loop(
-            parameters=parameters,
-            noise=noise,
-            runs=2,
-            completed=completed,
-            metrics={**metrics, "iae_phi": phi},
-            largest_force=61.0,
-        )
-        for parameters, noise, completed, phi in (
-            ("true", False, 2, 1.0),
-            ("true", True, 2, 1.01),
-            ("estimated", True, 1, 1.2),
-        )
-    ]
-    names = ("cart mass M [kg]", "half-length l [m]", "pole angle φ [rad]")
-    both = dict.fromkeys(("true", "estimated"), (instants, instants))
-    curves = dict.fromkeys(names, both)
-    case = estimation_study.Case(scenario="step-step", loops=tuple(loops), curves=curves)
-    return estimation_study.Result(controller="adaptive", cases=(case,))
+    asked = estimation_study.Request([afl.SCENARIOS["step-step"]], USED[0], seeds=1)
+    return estimation_study.run(asked)
 
 
 def identified() -> identify_study.Result:

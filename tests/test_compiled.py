@@ -89,25 +89,3 @@ def test_where_no_cache_can_be_written_code_is_compiled_and_one_line_says_so(mon
     with pytest.warns(AflMujocoWarning, match="no folder .* NUMBA_CACHE_DIR") as said:
         functions = [compiled.kernel(double), compiled.kernel(triple)]
     assert len(said) == 1 and [function(2.0) for function in functions] == [4.0, 6.0]
-
-
-@compiled.kernel
-def tripled(x, twice):
-    return 3 * x if twice else x
-
-
-@compiled.kernel
-def of_constants(x):
-    return tripled(0, False) + tripled(1, True) + tripled(x, x > 0)
-
-
-def test_a_call_with_constants_is_that_without_and_gets_no_machine_code_of_its_own():
-    for cached in Path(__file__).parent.glob("__pycache__/test_compiled.*.nb[ci]"):
-        cached.unlink()  # of an earlier run: what is read back is not compiled
-    assert of_constants(2) == 9
-    called = tripled.get_overload.__self__  # the copy that compiled code calls
-    assert len(called.overloads) == 1  # not one for each constant
-    assert tripled.overloads == {}  # machine code is made of what Python calls
-    (part,) = tripled.get_overload.__self__.overloads.values()
-    assert part.library.get_pointer_to_function(part.fndesc.llvm_func_name) == 0
-    assert tripled(2, True) == 6 and len(tripled.overloads) == 1

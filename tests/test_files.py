@@ -1,92 +1,19 @@
-"""Files are whole or missing; JSON comes back to the bit, or is refused in one line."""
+"""Files are whole or missing, and what cannot be read or written is one line."""
 
 import os
 import subprocess
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
-import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import files
 from afl_mujoco.errors import FileError
-from tests.messages import line
 from tests.program import COMMAND
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Box:
-    lower: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not self.lower:
-            raise ValueError("lower must hold a bound")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Content:
-    schema: Literal[1]
-    box: Box
-    rows: files.FloatArray
-    plain: dict[str, Any]
-    seed: int = 0
-
-
-def read(path: Path) -> Content:
-    return files.read_json(path, Content, "is no content", "make it anew")
-
-
-def test_a_dataclass_comes_back_to_the_bit_and_no_number_that_json_lacks_is_written(tmp_path, rng):
-    bits = rng.integers(0, 2**63, (2000, 3)).view(np.float64)
-    rows = np.where(np.isfinite(bits), bits, np.nan)
-    plain = {"state": 2**127 + 1, "name": "φ [x", "list": [0.1, None, -0.0]}
-    content = Content(schema=1, box=Box(lower=(1e-320, 3)), rows=rows, plain=plain, seed=3)
-    files.write_json(tmp_path / "file.json", content)
-    back = read(tmp_path / "file.json")
-    np.testing.assert_array_equal(back.rows, rows)
-    assert (back.box, back.plain, back.seed) == (content.box, plain, 3)
-    assert "\n  [" in (tmp_path / "file.json").read_text()  # a row, a line
-    content = Content(schema=1, box=Box(lower=(1.0,)), rows=np.empty(0), plain={"x": float("inf")})
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        files.write_json(tmp_path / "other.json", content)
-    assert [path.name for path in tmp_path.iterdir()] == ["file.json"]
-
-
-@pytest.mark.parametrize(("change", "complaint"), [
-    (("}", ""), "Invalid JSON"), (('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
-    (('"seed": 0', '"seed": "x"'), "seed must be a whole number, got 'x'"),
-    (('"seed": 0', '"seed": true'), "seed must be a whole number, got True"),
-    (('"seed"', '"sead"'), "sead is not a known key"), (('"plain": {},', ""), "plain is missing"),
-    (("[0.5]", "[]"), "box lower must hold a bound"),
-    (("[0.5]", "[NaN]"), "box.lower[0] must be finite, got nan"),
-    (("[[1.0]]", "[[1.0], 2.0]"), "rows must be numbers in lists of equal lengths"),
-], ids=lambda value: value if isinstance(value, str) else "")  # fmt: skip
-def test_what_is_wrong_in_a_file_is_said_in_one_line(tmp_path, change, complaint) -> None:
-    sound = '{"schema": 1, "box": {"lower": [0.5]}, "rows": [[1.0]], "plain": {}, "seed": 0}'
-    path = tmp_path / "file.json"
-    path.write_text(sound)
-    assert read(path).box == Box(lower=(0.5,))
-    path.write_text(sound.replace(*change))
-    said = line(f"{path} is no content: {complaint}", ..., ": make it anew")
-    with pytest.raises(FileError, match=said):
-        read(path)
-
-
-@pytest.mark.parametrize("content", [b"", b"null", b"[]", b"\xff", b"[" * 100_000], ids=len)
-def test_a_file_of_something_else_is_refused(tmp_path: Path, content: bytes) -> None:
-    (tmp_path / "file.json").write_bytes(content)
-    with pytest.raises(FileError, match="is no content"):
-        read(tmp_path / "file.json")
-
-
-def test_a_file_is_read_or_named_and_written_whole_or_not_at_all(tmp_path) -> None:
-    with pytest.raises(FileError, match=r"none\.json cannot be read: no such file"):
-        read(tmp_path / "none.json")
-    with pytest.raises(FileError, match="cannot be read: is a directory"):
-        read(tmp_path)
+def test_a_file_is_written_whole_or_not_at_all(tmp_path) -> None:
     assert files.output_folder(tmp_path / "a" / "b").is_dir()
     (tmp_path / "file").touch()
     with pytest.raises(FileError, match=r"output folder .*file cannot be written"):

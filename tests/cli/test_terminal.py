@@ -1,9 +1,5 @@
-import pytest
-
 from afl_mujoco.cli import terminal
-from afl_mujoco.scenario.imperfections import IMPERFECTIONS
 from afl_mujoco.studies.check import Options
-from afl_mujoco.studies.shared.robustness import COMBINED
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys) -> None:
@@ -28,19 +24,6 @@ def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
     assert terminal.numbers_apart(words) == [
         "--cart-masses", "0.1", "2", "--lower=1,2", "-1", "1e-3", "a,b", "1", "640x480", ","
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize("command", ["compare", "attraction", "simulate"])
-def test_help_does_not_say_a_default_that_says_nothing(command: str, command_line) -> None:
-    said = " ".join(command_line(command, "--help")[1].split())
-    assert "default: " in said
-    for nothing in ("None", "default: False", "default: True"):
-        assert nothing not in said
-
-
-def test_the_help_of_thresholds_lists_the_imperfections(command_line) -> None:
-    said = "".join(command_line("thresholds", "--help")[1].split())
-    assert ",".join((*(one.name for one in IMPERFECTIONS), COMBINED.name)) in said.replace("│", "")
 
 
 def test_a_check_says_the_command_that_makes_it_again() -> None:

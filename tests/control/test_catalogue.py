@@ -12,7 +12,6 @@ from afl_mujoco.control import names
 from afl_mujoco.control.catalogue import digests
 from afl_mujoco.control.names import INFORMED, subject_of
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.parameters import PlantRange
 from tests.messages import line
 
 # Table 2 of the paper, typed in by hand.
@@ -54,21 +53,6 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
 
-def test_a_true_belief_passes_on_and_s_saturates_over_phi(adaptive, random_states, odd_parameters):
-    inputs = adaptive.inputs_along_run([[0.5, 2.0]], [[0.2, 1.0]], 0.3, 5.0)
-    assert inputs.shape == (1, 2, 7) and inputs[0, 1, :4].tolist() == [2.0, 0.3, 1.0, 5.0]
-    gains = adaptive.gain_function.gains(0.5, 0.2)
-    expected = [gains.switching, gains.slope, gains.boundary_layer]
-    np.testing.assert_allclose(inputs[0, 0, 4:], expected, rtol=1e-14)  # two pow functions
-    p = odd_parameters
-    gains = adaptive.gain_function.gains(p.cart_mass, p.half_length)
-    plants = np.full(200, p.cart_mass), np.full(200, p.half_length), p.pole_mass, p.gravity
-    inputs = adaptive.inputs_along_run(*plants)
-    expected = afl.sliding_variable(random_states, p, gains) / gains.boundary_layer
-    found = adaptive.saturation_ratio(random_states, inputs)
-    np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-12)
-
-
 def test_a_gain_function_needs_five_finite_coefficients_and_stays_positive():
     rows = ((110, 0, 0, 0, 0), (1.0, -1.0, 1.0, 0, 0), (99, 0, 0, 0, 0))
     falling = afl.GainFunction(**dict(zip(NAMES, rows, strict=True)))
@@ -100,17 +84,6 @@ def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twi
     for name in ("adaptive-nominal-estimated", "pid-estimated", "-estimated"):
         with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
             afl.find_controller(name)
-
-
-def test_gains_beyond_the_plants_of_the_table_are_remarked_on_and_no_others():
-    inside, heavy = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81), (0.2, 2.1)
-    adaptive = afl.CONTROLLERS["adaptive"]
-    assert adaptive.remarks(inside) == []
-    (said,) = adaptive.remarks(inside._replace(cart_mass=heavy))
-    assert "M 0.1 to 2 kg, and M reaches 2.1 kg" in said
-    (said,) = adaptive.remarks(inside._replace(half_length=(0.04, 0.5)))
-    assert "l 0.05 to 1 m, and l reaches 0.04 m" in said
-    assert afl.CONTROLLERS["fixed"].remarks(inside._replace(cart_mass=heavy)) == []
 
 
 @pytest.mark.parametrize(("names", "subject"), [

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco import acceleration
+from afl_mujoco.control import controller as form
 from afl_mujoco.control.controller import Laws, command
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
@@ -64,3 +66,44 @@ def test_a_ctrl_c_in_a_compiled_loop_or_before_the_first_line_of_a_callback_ends
     controller = PythonController(name="still", function=lambda t, x, b: 0.0, stateful=False)
     with pytest.raises(KeyboardInterrupt), Laws(controller, scenario).watched():
         sys.unraisablehook(SimpleNamespace(exc_value=KeyboardInterrupt()))  # type: ignore[arg-type]
+
+
+MASSES, LENGTHS = np.array([0.2, 0.5, 0.9, 1.0]), np.array([0.1, 0.3, 0.4, 0.8, 1.1])
+
+
+@pytest.fixture
+def table(rng):
+    return rng.uniform(-9.0, 9.0, (len(MASSES), len(LENGTHS), 4))
+
+
+def values_of(p):
+    return p.cart_mass, p.pole_mass, p.half_length, p.gravity
+
+
+def along(controller, states, assumed):
+    return np.array([form.compiled_force(*controller, *s, assumed) for s in states.tolist()])
+
+
+def test_partial_feedback_gives_the_cart_what_it_asks_for(random_states, table, odd_parameters):
+    p = odd_parameters
+    force = along((form.PARTIAL, table, MASSES, LENGTHS), random_states, values_of(p))
+    gains = form.interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
+    asked = -random_states @ np.array(gains)
+    cart, pole = acceleration(random_states, force, p).T
+    _, phi, _, _ = random_states.T
+    np.testing.assert_allclose(cart, asked, rtol=1e-12, atol=1e-10)
+    expected = 0.75 / p.half_length * (p.gravity * np.sin(phi) + asked * np.cos(phi))
+    np.testing.assert_allclose(pole, expected, rtol=1e-12, atol=1e-9)
+
+
+def test_a_quadratic_table_is_met_exactly():
+    masses, lengths = np.linspace(0.1, 2.0, 9), np.linspace(0.05, 1.0, 7)
+    factors = np.array([1.0, -2.0, 0.5, 3.0])
+
+    def true(m, x):
+        return factors * (1.0 + m - 0.3 * m * m) * (2.0 - x + 4.0 * x * x)
+
+    table = np.array([[true(m, x) for x in lengths] for m in masses])
+    for m, x in ((0.4, 0.3), (1.1, 0.66), (1.7, 0.8)):  # not in a cell at the edge
+        gains = form.interpolated_gains(table, masses, lengths, m, x)
+        np.testing.assert_allclose(gains, true(m, x), rtol=1e-13)

@@ -14,6 +14,7 @@ from afl_mujoco.simulation.scoring import with_objective
 from afl_mujoco.simulation.task import controller_policy
 from research.gain_tuning import GainTable, paper_scales
 from research.random_schedules import random_scenario
+from tests.engine import episode
 
 HELD = afl.CONTROLLERS["adaptive-held"]
 SCENARIO = afl.SCENARIOS["step-trapezoid"]
@@ -59,13 +60,7 @@ def test_the_task_has_the_same_run_and_a_new_start_in_each_episode() -> None:
     env = afl.load(SHORT)
     policy = controller_policy(HELD, SHORT)
     for _ in range(2):
-        step, states = env.reset(), []
-        while True:
-            states.append([*step.observation["position"], *step.observation["velocity"]])
-            if step.last():
-                break
-            step = env.step(policy(step))
-        np.testing.assert_array_equal(states, run.state)
+        np.testing.assert_array_equal(episode(env, policy)[0], run.state)
 
 
 def test_without_a_start_it_is_refused_and_beyond_the_table_remarked_on() -> None:

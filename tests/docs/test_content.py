@@ -3,14 +3,18 @@
 import re
 import sys
 import tomllib
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import jinja2
 import pytest
 
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.studies.shared.contract import studies
 from docs import make_results
 from docs.content import DOCS, FIGURES, PAGES, README, Content, ceil_to, rewrite, shown_in
 from docs.sources import SOURCES
+from docs.tables import cells_as_table, tables
+from tests.planted_faults import load_faults
 
 CONTENT = Content()
 MADE = CONTENT.pages()
@@ -81,3 +85,13 @@ def test_a_number_is_news_beyond_its_uncertainty_and_rounded_to_the_safe_side() 
     assert not error.moved_to(replace(error, value=8.0 * error.value))
     assert error.moved_to(replace(error, value=1e9 * error.value))
     assert [ceil_to(x) for x in (4.068, 10.0, 0.0411)] == [4.1, 10.0, 0.042]
+
+
+def test_every_imperfection_result_and_fault_has_a_row_and_a_cell_may_hold_a_bar() -> None:
+    found = tables()
+    assert all(f"| `{one.name}` |" in found["imperfections"] for one in fields(Imperfections))
+    assert all(f"`{study.stem}.json`" in found["result files"] for study in studies().values())
+    rows = CONTENT.table("faults")
+    assert "not run" not in rows, "run: make faults"
+    assert [f.name for f in load_faults() if f"| {f.name} |" not in rows.replace("\\|", "|")] == []
+    assert cells_as_table(("a",), [("|x|",)]) == "| a |\n| --- |\n| \\|x\\| |\n"

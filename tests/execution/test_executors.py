@@ -1,14 +1,24 @@
 """Executors: order, bits and errors; deaths of workers; what a signal leaves behind."""
 
+import gc
 import os
+import signal
 import sys
+import threading
 import time
 from pathlib import Path
 
 import pytest
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.pool import MAX_DEATHS, compute_all, in_process, kept_processes, open_executor
+from afl_mujoco.pool import (
+    MAX_DEATHS,
+    compute_all,
+    in_process,
+    kept_processes,
+    open_executor,
+    share,
+)
 from tests.execution import units
 from tests.execution.units import kept
 from tests.messages import line
@@ -133,3 +143,39 @@ def test_what_is_no_place_to_work_is_refused_and_without_dask_a_cluster_is_none(
     ):
         with pytest.raises(AflMujocoError, match=said), open_executor(workers, cluster):
             pass
+
+
+def test_the_error_of_the_first_item_is_raised_whichever_thread_was_quicker() -> None:
+    begun = []
+
+    def task(part: slice) -> None:
+        begun.append(part.start)
+        time.sleep(0.02 if part.start == 3 else 0.0)
+        if part.start in (3, 4):
+            raise ValueError(part.start)
+
+    for _ in range(20):
+        begun.clear()
+        with pytest.raises(ValueError, match=r"^3$"):
+            share(1000, [task] * 2, part=1)
+        assert len(begun) < 1000
+
+
+def test_ctrl_c_stops_after_the_parts_that_are_under_way() -> None:
+    begun = []
+
+    def task(part: slice) -> None:
+        begun.append(part.start)
+        time.sleep(2e-3)
+
+    gc.collect()  # an interrupt that comes while Python calls back weak references is lost
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    timer = threading.Timer(0.05, signal.raise_signal, (signal.SIGINT,))
+    try:
+        timer.start()
+        with pytest.raises(KeyboardInterrupt):
+            share(1000, [task] * 2, part=1)
+    finally:
+        timer.join()
+        signal.signal(signal.SIGINT, before)
+    assert 0 < len(begun) < 300

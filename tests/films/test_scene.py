@@ -6,11 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-import afl_mujoco as afl
 from afl_mujoco.films.camera import Frame
-from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import open_scene
-from afl_mujoco.scenario.time_steps import Deployed
 
 pytestmark = pytest.mark.slow
 
@@ -116,18 +113,6 @@ def test_numbers_of_the_rail_are_in_place_and_the_cart_grows(graphics, stage, re
         mask = (picture[..., 0] == cart) & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
         widths.append(np.ptp(np.nonzero(mask)[1]))
     assert widths[1] / widths[0] == pytest.approx(1.25 / 0.875, rel=0.05)  # 0.5 to 2 kg
-
-
-def test_end_stops_and_limits_are_drawn_where_they_are(graphics, growing):
-    asked = afl.Requirements(max={"z": 1.0})
-    rail = replace(growing, requirements=asked, imperfections=afl.Imperfections(end_stops={"z": 2}))
-    replay = record(rail, afl.CONTROLLERS["adaptive"], Deployed(), 30)
-    with open_scene([replay], 30, SIZE, Frame()) as scene:
-        scene.draw(replay, 0, scene.stage.paths[0])
-        places = [float(one.pos[0]) for one in drawn(scene, mujoco.mjtGeom.mjGEOM_BOX)]
-    half = 0.2 * 0.875  # of the cart of 0.5 kg, which touches the stops
-    for wanted in (-2.0 - half, -1.0, 1.0, 2.0 + half):
-        assert min(abs(x - wanted) for x in places) < 0.05
 
 
 def test_the_arrows_point_along_the_forces_and_drawing_leaves_no_trace(graphics, stage, replay):

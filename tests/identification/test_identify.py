@@ -41,13 +41,6 @@ def test_known_parameters_are_found_within_their_intervals(logs, tmp_path) -> No
     assert found.find("lag").on_bound
 
 
-@pytest.mark.slow
-def test_any_number_of_workers_finds_the_same() -> None:
-    some = [log_of("short", swing(TRUTH, 9, 1.6), TRUTH.description)]
-    one, two = (identify(some, TRUTH.description, workers=n) for n in (1, 2))
-    assert one == two
-
-
 def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
     still = [replace(log, command=np.zeros_like(log.command)) for log in logs[:3]]
     found = identify(still, TRUTH.description)

@@ -3,12 +3,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.identification import log as logs
-from afl_mujoco.identification.description import AngleColumn, PositionColumn, load_description
+from afl_mujoco.identification.description import (
+    AngleColumn,
+    PositionColumn,
+    load_description,
+    to_table,
+)
 from afl_mujoco.identification.log import cut, log_of, read_log, read_logs, write_log
 from afl_mujoco.identification.prediction import CHOOSE, DESCRIPTION, FIT
+from tests.messages import line
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -180,26 +187,6 @@ def log():
     return log_of("a", swing(TRUTH, 5), TRUTH.description)
 
 
-def test_windows_share_their_ends_and_reach_the_last_row(log) -> None:
-    windows = cut([log], 0.5, 0.5)
-    assert windows.time.shape == (8, 26)
-    assert list(windows.there.sum(axis=1)) == [26.0] * 7 + [25.0]  # of 200 rows
-    assert (windows.dropped, windows.share) == (0, 1.0)
-    assert windows.time[1:, 0] == pytest.approx(windows.time[:-1, -1])
-    assert windows.steps * windows.step >= windows.time[0, -1] - windows.time[0, 0] + log.period
-    assert windows.some(3).count == 3
-
-
-def test_a_window_begins_where_the_angle_is_known_and_close_readings_are_thinned(log) -> None:
-    valid = log.valid.copy()
-    valid[25:40] = False
-    windows = cut([replace(log, valid=valid)], 0.5, 0.5)
-    assert list(windows.first) == [0, 50, 75, 100, 125, 150, 175] and windows.dropped == 1
-    fine = replace(log, time=log.time / 20.0, period=log.period / 20.0)  # a kilohertz
-    windows = cut([fine], 0.1, 0.1)
-    assert np.diff(windows.time[0]).min() == pytest.approx(0.01, rel=1e-3)
-
-
 def test_a_lost_row_ends_a_window_and_logs_shorter_than_one_are_refused(log) -> None:
     columns = swing(TRUTH, 5)
     kept = np.delete(np.arange(200), [12, 60, 65, 130])
@@ -215,3 +202,45 @@ def test_a_lost_row_ends_a_window_and_logs_shorter_than_one_are_refused(log) -> 
     assert windows.share == pytest.approx(1.0 - 11.0 / 199.0, abs=1e-3)
     with pytest.raises(AflMujocoError, match="logs must include one longer than 9 s"):
         cut([log], 9.0, 1.0, least=None)
+
+
+GOOD = """
+name = "mine"
+period = 0.01
+[phi]
+unit = "deg"
+resolution = 0.1
+[nominal]
+pole_mass = 0.1
+half_length = 0.25
+cart_mass = 0.5
+force = 5.0
+"""
+
+
+def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_path) -> None:
+    (tmp_path / "rig.toml").write_text(GOOD)
+    one = load_description(tmp_path / "rig.toml")
+    assert one.columns == {"time": "time", "phi": "phi", "z": "z", "command": "command"}
+    assert one.angle_count == pytest.approx(0.0017453, rel=1e-4)
+    assert one.nominal.gravity_term == pytest.approx(29.43)
+    one = replace(load_description(DESCRIPTION), limits={"pole-0.2": 5.0})
+    (tmp_path / "again.toml").write_text(tomli_w.dumps(to_table(one)))
+    assert load_description(tmp_path / "again.toml") == one
+
+
+@pytest.mark.parametrize(("before", "after", "message"), [
+    ("period = 0.01", "period = 0.0", "period must be positive, got 0"),
+    ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
+    ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
+    ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
+    ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
+    ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
+    ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
+    ("[nominal]", "[limits]\ngravity = 0\n[nominal]", "limits.gravity must be positive, got 0"),
+    ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),
+])  # fmt: skip
+def test_what_breaks_a_rule_is_named(tmp_path, before: str, after: str, message: str) -> None:
+    (tmp_path / "rig.toml").write_text(GOOD.replace(before, after))
+    with pytest.raises(AflMujocoError, match=line(..., "rig.toml", ..., message, ...)):
+        load_description(tmp_path / "rig.toml")

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco.identification import prediction
-from afl_mujoco.identification.log import log_of
+from afl_mujoco.identification import pole, prediction, rig
+from afl_mujoco.identification.log import cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -74,3 +74,49 @@ def test_readings_that_say_nothing_are_not_judged_and_going_straight_on_is_no_mo
     (model,) = prediction.errors_of(starts, read, (0.5,), VALUES, D)
     (none,) = prediction.errors_of(starts, naive, (0.5,), VALUES, D)
     assert none.rms_phi > 20.0 * model.rms_phi
+
+
+@pytest.fixture(scope="module")
+def windows():
+    windows = cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5, least=None)
+    return replace(windows, step=windows.step / 2)
+
+
+def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:
+    found = rig.physical(VALUES, TRUTH.description)
+    for name in ("half_length", "cart_mass", "force", "rail_damping", "hinge_damping"):
+        assert found[name] == pytest.approx(getattr(TRUTH, name), rel=1e-9), name
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.007, 0.0), (0.003, 0.02)])
+def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, lag: float) -> None:
+    values = {**VALUES, "delay": delay, "lag": lag, "bias": 0.05}
+    forces = rig.Rig(windows=windows, description=TRUTH.description).forces(values)
+    (log,) = windows.logs
+    fine = np.arange(0.0, log.duration, 1e-5)  # by brute force: Euler at 10 us
+    command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]
+    command = np.where(fine < delay, log.command[0], command) - 0.05
+    if lag:
+        behind = np.empty_like(command)
+        state = command[0]
+        for i, c in enumerate(command):
+            state += 1e-5 / lag * (c - state)
+            behind[i] = state
+        command = behind
+    for b in (1, 3):
+        for j in (0, 7, 50):
+            start = windows.time[b, 0] + j * windows.step
+            part = (fine >= start) & (fine < start + windows.step)
+            assert forces[b, j] == pytest.approx(TRUTH.force * command[part].mean(), abs=0.02)
+
+
+def test_friction_takes_energy_as_it_says() -> None:
+    still = np.zeros((1, 8001))
+    track = pole.pole_motion(np.array([[np.pi + 0.3, 0.0]]), still, 1e-3, 37.0, 0.2, 0.0)[0]
+    energy = 0.5 * track[:, 1] ** 2 + 37.0 * np.cos(track[:, 0])
+    lost = 0.2 * np.trapezoid(track[:, 1] ** 2, dx=1e-3)
+    assert energy[0] - energy[-1] == pytest.approx(lost, rel=1e-4)
+    dry = pole.pole_motion(np.array([[np.pi + 0.3, 0.0]]), still, 1e-3, 37.0, 0.0, 0.5)[0]
+    energy = 0.5 * dry[:, 1] ** 2 + 37.0 * np.cos(dry[:, 0])
+    path = np.abs(np.diff(dry[:, 0])).sum()
+    assert energy[0] - energy[-1] == pytest.approx(0.5 * path, rel=0.03)

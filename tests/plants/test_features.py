@@ -7,7 +7,6 @@ from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import small
 
 ARM = '<joint name="arm" axis="0 1 0"/>'
-HEAD = "<mujoco>"
 MOTOR = '<motor name="torque" joint="arm"/>'
 
 REFUSED = {
@@ -23,7 +22,6 @@ REFUSED = {
         (MOTOR, '<position name="torque" joint="arm" kp="1"/>'),),
     "fluid .*density": (("<worldbody>", '<option density="1.2"/><worldbody>'),),
     "ball joint 'arm' .*not yet": ((ARM, '<joint name="arm" type="ball"/>'),),
-    "free joint 'arm' .*not yet": ((ARM, '<joint name="arm" type="free"/>'),),
     "mocap body .*mocap": (
         ("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
     "flex .*deformable": (

@@ -6,12 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import afl_mujoco as afl
 from afl_mujoco.simulation.scoring import ObjectiveScales
 from afl_mujoco.studies.verify import claims as verdicts
 from research import claims
 from research.gain_tuning import GainTable
-from research.random_schedules import random_scenario
 
 SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 TRIED = claims.result_of("readings")["optima"]
@@ -57,18 +55,6 @@ def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
 def test_winning_as_often_as_losing_reproduces_nothing(wins: int, expected: str) -> None:
     rows = np.array([[1.0, 0.9 if k < wins else 1.1, 1.0, 0.9] for k in range(100)])
     assert claims.schedules_claim(rows)[0].verdict == expected
-
-
-def test_the_objectives_on_random_schedules_are_those_of_the_ode() -> None:
-    rows = claims.objectives_on_schedules(1, SCALES)
-    for index, row in enumerate(rows):
-        scenario = random_scenario(claims.SEED, index)
-        for name, found in zip(claims.COMPARED, row, strict=True):
-            run = afl.simulate_ode(scenario, afl.CONTROLLERS[name], sample_period=1e-3)
-            integrals = [np.trapezoid(np.abs(run.state[:, i]), run.time) for i in (0, 1)]
-            exact = integrals[0] / SCALES.iae_z + integrals[1] / SCALES.iae_phi
-            exact += np.abs(run.force).max() / SCALES.max_force
-            assert found == pytest.approx(exact, rel=1e-4)
 
 
 def test_table_1_would_be_optimal_if_it_were_ours_and_forty_rows_judge_no_fit() -> None:

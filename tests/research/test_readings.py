@@ -37,20 +37,6 @@ def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
     assert readings.nearest(("improvements-d4", 2, 0, unit[3])) != first
 
 
-def test_a_descent_ends_where_no_change_of_one_unknown_helps(monkeypatch) -> None:
-    goal = readings.GOALS["improvements-d4"]
-    wanted = readings.rounded(paper.random_readings(1, 7), goal)[0]
-
-    def distance(_, points):
-        return np.abs(points - wanted).sum(axis=1).tolist()
-
-    monkeypatch.setattr(readings, "_costs", distance)
-    start = readings.rounded(paper.random_readings(1, 8), goal)[0].tolist()
-    values, error, tried = readings.descend(("improvements-d4", start))
-    assert values == pytest.approx(wanted.tolist()) and error == pytest.approx(0.0, abs=1e-9)
-    assert tried > 500
-
-
 def test_our_own_optima_are_optimal_under_their_scales_and_the_papers_are_not(monkeypatch) -> None:
     found = readings.judge_optima(("table2", 20.0, 16, 9))
     assert found.as_decided == 0 and found.best < 40

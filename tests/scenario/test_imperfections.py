@@ -39,17 +39,11 @@ def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
     ("drag = 1", "imperfections.drag is not a known key; known keys: control_period, delay, "),
     ("encoder_step.z = 1e-13", "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-"),
     ("delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
-    ("delay = inf", "imperfections.delay must be finite, got inf"),
-    ("noise.z = 'much'", "imperfections.noise.z must be a number, got 'much'"),
     ("control_period = 0", "imperfections.control_period must be positive, got 0.0"),
-    ("input_limit = -5", "imperfections.input_limit must be positive, got -5.0"),
-    ("slew_rate = 0.0", "imperfections.slew_rate must be positive, got 0.0"),
-    ("end_stops.z = nan", "imperfections.end_stops.z must be finite, got nan"),
     ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
     ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
     ("seed = -1", "imperfections.seed must lie in 0 to 2**63 - 1, got -1"),
     ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
-    ("seed = true", "imperfections.seed must be a whole number, got True"),
     ("end_stops.z = 0.5", "initial_state z must lie within end_stops.z, 0.5 m, got"),
 ], ids=lambda value: value if "must" not in value and "known" not in value else "")  # fmt: skip
 def test_a_file_that_breaks_a_rule_is_answered_with_key_and_value(text, message, tmp_path):

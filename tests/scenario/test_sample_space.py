@@ -90,15 +90,6 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[afl.Scenario]) 
     assert min(counts.values()) > MANY / 2  # each a third of twice as many schedules
 
 
-def test_the_reference_is_the_papers_nominal_run_on_ideal_hardware() -> None:
-    sample = SPACE.scenario_of(SPACE.reference, 0, 0)
-    nominal = afl.Scenario(name="nominal")
-    np.testing.assert_allclose(sample.initial_state, nominal.initial_state, atol=1e-15)
-    assert sample.cart_mass.values == pytest.approx(nominal.cart_mass.values)
-    assert sample.half_length.values == pytest.approx(nominal.half_length.values)
-    assert sample.imperfections == afl.Imperfections(seed=sample.imperfections.seed)
-
-
 @pytest.mark.parametrize("point", [np.zeros(3), np.full(SPACE.dimension, 1.1)], ids=["3", "1.1"])
 def test_a_point_outside_the_cube_is_refused(point) -> None:
     with pytest.raises(InvalidValueError, match=r"^point must "):

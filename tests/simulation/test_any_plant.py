@@ -117,16 +117,6 @@ def test_a_plant_of_other_names_runs_bit_for_bit_as_the_cart_pole() -> None:
                 assert one.metrics[start + old] == other.metrics[start + new]
 
 
-@pytest.mark.parametrize("mode", ["exact", "continuous"])
-def test_mujoco_is_the_plants_own_equations(mode) -> None:
-    ideal = renamed(OWN).ideal
-    run, truth = afl.simulate_mujoco(ideal, steady, mode), afl.simulate_ode(ideal, steady)
-    limit = 1e-10 if mode == "exact" else 1e-6
-    assert np.abs(run.state - truth.state).max() < limit
-    paper = afl.simulate_ode(OWN.ideal, steady)
-    assert np.abs(truth.state - paper.state).max() < 1e-10
-
-
 def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
     text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>
         <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody>
@@ -140,21 +130,6 @@ def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
     other = afl.simulate_mujoco(replace(at, initial_state=(2.0 * np.pi - 3.0, 0.0)), "lqr")
     np.testing.assert_allclose(one.state[:, 0] + 2.0 * np.pi, other.state[:, 0], atol=1e-9)
     assert abs(other.state[-1, 0] - np.pi) < 0.01
-
-
-def test_a_quadrotor_that_picks_up_a_load_is_its_equations_under_an_lqr() -> None:
-    scenario = afl.Scenario(
-        name="hover", plant=QUADROTOR,
-        schedule={"load": afl.staircase([0.4], [0.02, 0.3]), "length": 0.6},
-        disturbances=(afl.ForcePulse(force=1.0, start=0.6, duration=0.1, coordinate="x"),),
-        requirements=afl.Requirements(target={"z": 0.5}), initial_state={"x": 0.1}, duration=1.0,
-    )  # fmt: skip
-    lqr = bound(afl.CONTROLLERS["lqr"], scenario)
-    run = afl.simulate_mujoco(scenario, lqr, "exact", timestep=0.01)
-    truth = afl.simulate_ode(scenario, lqr, sample_period=0.01)
-    assert np.abs(run.state - truth.state).max() < 1e-10 and run.input.shape == (len(run.time), 2)
-    height = run.state[:, 1] - 0.6 * np.cos(run.state[:, 3])
-    np.testing.assert_allclose(run.signals["load_height"], height, rtol=1e-14)
 
 
 def test_a_ctrlrange_limits_the_input_and_is_said() -> None:

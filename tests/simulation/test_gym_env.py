@@ -518,11 +518,3 @@ def test_a_policy_of_any_plant_is_a_controller() -> None:
     with pytest.raises(InvalidValueError, match="action of a policy must give 2 numbers, got 1"):
         belief = scenario.plant.named(scenario.plant.nominal)
         policy_controller(lambda seen: np.zeros(1), environment)(0.0, np.zeros(8), belief)
-
-
-@pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)
-def test_a_picture_of_any_plant(scenario: afl.Scenario, graphics: None) -> None:
-    settings = {"render_mode": "rgb_array", "width": 120, "height": 80}
-    environment = ScenarioEnv(scenario, **settings)
-    environment.reset()
-    assert environment.render().shape == (80, 120, 3) and np.ptp(environment.render()) > 100

@@ -54,15 +54,6 @@ def test_a_held_force_is_integrated_as_the_staircase_it_is(simulate) -> None:
     assert figures["force_variation"] == pytest.approx(3.0 + 5.0, rel=1e-12)
 
 
-def test_a_jump_counts_alike_with_and_without_a_delay() -> None:
-    """A force of 2 N is switched on, at once or a little later."""
-    scenario = afl.Scenario(name="pushed", initial_state=(0.0, 0.01, 0.0, 0.0), duration=0.5)
-    late = replace(scenario, imperfections=afl.Imperfections(delay=0.01))
-    for one in (scenario, late):
-        run = afl.simulate_mujoco(one, lambda t, state, *plant: 2.0, mode="sampled")
-        assert run.metrics["force_variation"] == 2.0
-
-
 def test_settling_is_for_good_and_overshoot_is_beyond_the_target() -> None:
     figures, one_sample = measured(decaying_run()), 1e-3
     assert figures["settling_2pc_z"] == pytest.approx(np.log(50.0), abs=one_sample)

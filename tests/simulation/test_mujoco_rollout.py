@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plants.cartpole_equations import velocity_jump
-from tests.engine import accelerations
-from tests.engine import jump as jump_of
 
-# The limits of verification.md.
-A1, B2B, B3 = 1e-11, 1e-10, 1e-8
+# The limit of verification.md.
+B3 = 1e-8
 
 MODES = ("exact", "continuous", "sampled")
 TIPPING = afl.Scenario(name="tipping", schedule={
@@ -37,41 +34,10 @@ def at_most(seconds):
         signal.signal(signal.SIGALRM, before)
 
 
-def _plants(rng, count):
-    model = afl.CartPoleModel(afl.CartPoleParameters())
-    names = ("cart_mass", "pole_mass", "half_length", "gravity")
-    for row in rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), (count, 4)).tolist():
-        p = afl.CartPoleParameters(**dict(zip(names, row, strict=True)))
-        model.set_parameters(p)
-        yield model, p
-
-
-def test_mujoco_s_accelerations_and_jumps_are_those_of_the_plant(rng):
-    for model, p in _plants(rng, 300):
-        state = rng.uniform((-5, -3.1, -5, -10), (5, 3.1, 5, 10))
-        force, push = rng.uniform(-200, 200), rng.uniform(-50, 50)
-        expected = afl.acceleration(state, force + push, p)
-        actual = accelerations(model, state, force, push)
-        assert np.abs(actual - expected).max() <= A1 * (1 + np.abs(expected).max())
-    for model, p in _plants(rng, 50):
-        state = rng.uniform((-5, -1.5, -5, -10), (5, 1.5, 5, 10))
-        jump = jump_of(model, state, 0.37)
-        expected = velocity_jump(state, 0.37, p)
-        np.testing.assert_allclose(jump, expected, rtol=0, atol=A1 * np.abs(expected).max() * 10)
-
-
 def _difference(one, other):
     assert str(one.outcome) == str(other.outcome) == "completed"
     np.testing.assert_allclose(one.time, other.time, rtol=0, atol=1e-14)
     return np.abs(one.state - other.state).max()
-
-
-@pytest.mark.parametrize("timestep", [1e-3, 7e-3], ids=str)
-def test_b2b_continuous_mode_is_a_textbook_rk4(odd_scenario, controller, timestep):
-    run = afl.simulate_mujoco(odd_scenario, controller, mode="continuous", timestep=timestep)
-    twin = afl.simulate_ode_rk4(odd_scenario, controller, timestep=timestep)
-    assert _difference(run, twin) <= B2B
-    assert set(odd_scenario.breakpoints) <= set(run.time.tolist())
 
 
 @pytest.mark.parametrize("hold", [1, 5], ids=["every step", "every fifth step"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.poses import FPS, MOST_NUMBERS, plane_of, replay_data
+from afl_mujoco.simulation.poses import FPS, MOST_NUMBERS, replay_data
 from tests.plants.plants import known
 
 QUADROTOR = Path("examples/quadrotor_load.xml")
@@ -109,16 +109,6 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
     for points in (hinge, tip):
         assert (np.abs(points - aims) <= 0.5 * np.array(data["view"])).all()
     assert max(data["view"]) < 6.0  # of a plant of 1 m
-
-
-@pytest.mark.parametrize(("spread", "right", "up"), [
-    ((1, 0, 1), 0, 2), ((0, 1, 1), 1, 2), ((1, 1, 0), 0, 1), ((1, 0, 0), 0, 2),
-])  # fmt: skip
-def test_a_plant_is_seen_across_the_plane_in_which_it_moves(spread, right, up) -> None:
-    points = np.linspace(0.0, 1.0, 9)[:, None, None] * np.array(spread, dtype=np.float64)
-    axes = plane_of([points])
-    assert [int(np.argmax(axes[0])), int(np.argmax(axes[1]))] == [right, up]
-    np.testing.assert_array_equal(np.cross(axes[0], axes[1]), axes[2])  # right-handed
 
 
 def test_a_long_run_has_fewer_frames_and_one_that_diverged_those_until_then() -> None:

@@ -17,6 +17,7 @@ from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.task import controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
+from tests.engine import episode
 
 TIMESTEP = 1e-3
 
@@ -41,15 +42,6 @@ CASES = {
 }  # fmt: skip
 
 
-def _states(environment, policy) -> np.ndarray:
-    step, seen = environment.reset(), []
-    while True:
-        seen.append([*step.observation["position"], *step.observation["velocity"]])
-        if step.last():
-            return np.array(seen)
-        step = environment.step(policy(step))
-
-
 ROUGH = afl.Imperfections(
     delay=0.0035, lag=0.004, slew_rate=2e3, input_limit=60.0, encoder_step={"phi": 1e-3},
     noise={"phi": 1e-3, "z": 5e-4}, differentiated=True, velocity_filter=0.01,
@@ -71,11 +63,7 @@ def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario)
     for _ in range(2):  # nothing is left of the first episode in the second
-        step = environment.reset()
-        states = [[*environment.physics.position(), *environment.physics.velocity()]]
-        while not step.last():
-            step = environment.step(policy(step))
-            states.append([*environment.physics.position(), *environment.physics.velocity()])
+        states, step = episode(environment, policy)
         count = min(len(states), len(reference.state[::hold]))
         np.testing.assert_array_equal(states[:count], reference.state[::hold][:count])
         assert count > 100 and np.abs(reference.force[~np.isnan(reference.force)]).max() > 1.0
@@ -122,7 +110,7 @@ def test_an_agent_repeats_the_sampled_rollout_bit_for_bit(case, name, hold, by):
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP, "integrator": by}
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
-    states = _states(environment, controller_policy(controller, scenario))
+    states, _ = episode(environment, controller_policy(controller, scenario))
     np.testing.assert_array_equal(states, reference.state[::hold])
     assert reference.outcome.kind == "completed"
 
@@ -137,24 +125,9 @@ def test_a_controller_in_python_gets_the_time():
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario, control_period=10 * TIMESTEP)
     for _ in range(2):  # the second episode begins at 0 again
-        np.testing.assert_array_equal(_states(environment, policy), reference.state[::10])
+        np.testing.assert_array_equal(episode(environment, policy)[0], reference.state[::10])
     with pytest.raises(InvalidValueError, match=r"^control_period must be given for 'clock'$"):
         controller_policy(controller, scenario)
-
-
-def test_the_plant_changes_at_every_physics_step_and_the_model_shows_the_present_one():
-    ramp = afl.piecewise_linear((0.0, 1.0), (0.2, 1.0))
-    scenario = _short("nominal", 1.0).with_schedule(half_length=ramp)
-    physics = afl.load(scenario).physics
-    for steps in (1, 3, 250):
-        physics.step(steps)
-        mass, length = physics.parameters()
-        assert length == scenario.half_length.at(physics.time())
-        assert physics.named.model.geom_size["pole", 1] == length
-        assert physics.named.model.body_mass["cart"] == mass
-        tip = physics.named.data.sensordata["tip"]
-        phi = physics.position()[1]
-        assert tip[2] == pytest.approx(2.0 * length * math.cos(phi), abs=1e-14)  # round-off
 
 
 @pytest.mark.parametrize("duplicate", [
@@ -263,12 +236,8 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     ({"scenario": "nowhere"}, "scenario must be one of nominal"),
     ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
     ({"timestep": -1.0}, "timestep must be positive, got -1"),
-    ({"timestep": math.nan}, "timestep must be finite, got nan"),
-    ({"control_period": 0.0}, "control_period must be positive, got 0"),
     ({"integrator": "RK5"}, "integrator must be one of RK4"),
-    ({"force_limit": 0.0}, "force_limit must be positive, got 0"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
-    ({"initial_noise": -0.1}, "initial_noise must not be negative, got -0.1"),
     ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
     ({"parameters": "seen"}, "parameters must be one of observed, hidden, privileged"),
     ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),

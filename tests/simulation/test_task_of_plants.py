@@ -1,15 +1,11 @@
-import pickle
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from dm_control.rl.control import Environment
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.task import controller_policy, nearness
-from tests.plants.plants import EXAMPLES, known
+from tests.engine import episode
+from tests.plants.plants import known
 
 PLANTS = {
     "quadrotor_load.py:plant": {"start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
@@ -42,12 +38,7 @@ def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name, imper
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario)
     for _ in range(2):
-        step = environment.reset()
-        states = [environment.physics.true_state()]
-        while not step.last():
-            step = environment.step(policy(step))
-            states.append(environment.physics.true_state())
-        np.testing.assert_array_equal(states, reference.state[::5])
+        np.testing.assert_array_equal(episode(environment, policy)[0], reference.state[::5])
     assert reference.outcome.kind == "completed"
 
 
@@ -89,45 +80,6 @@ def test_nearness_is_1_at_the_target_and_counts_a_coordinate_at_its_band_half():
     assert nearness(np.zeros(2), bands) == 1.0
     assert nearness(np.array([0.05, 0.0]), bands) == pytest.approx(0.75)
     assert nearness(np.array([[0.05, 0.02], [1e9, 1e9]]), bands) == pytest.approx([0.5, 0.0])
-
-
-def test_a_file_names_the_plant_and_limits_of_its_mjcf_bound_the_action(tmp_path):
-    text = (EXAMPLES / "quadrotor_load.xml").read_text()
-    assert text.count('gear="0 0 1 0 0 0"/>') == 2
-    text = text.replace('gear="0 0 1 0 0 0"/>', 'gear="0 0 1 0 0 0" ctrlrange="0 12"/>')
-    (tmp_path / "quadrotor_load.xml").write_text(text)
-    (tmp_path / "other.py").write_text((EXAMPLES / "quadrotor_load.py").read_text())
-    (tmp_path / "mine.toml").write_text('plant = "other.py:plant"\nduration = 0.5\n')
-    environment = afl.load(tmp_path / "mine.toml", control_period=0.01)
-    spec = environment.action_spec()
-    assert (spec.minimum.tolist(), spec.maximum.tolist()) == ([0.0, 0.0], [12.0, 12.0])
-    assert spec.name == "left, right"  # the MJCF does not say their unit
-    environment.reset()
-    environment.step([-5.0, 20.0])
-    assert environment.physics.control().tolist() == [0.0, 12.0]
-    with pytest.raises(InvalidValueError, match=r"^action must have shape \(2,\)"):
-        environment.step([1.0])
-    drive = afl.Imperfections(input_limit={"left": 10.0})
-    weak = afl.load(replace(environment.physics.scenario, imperfections=drive), control_period=0.01)
-    assert weak.action_spec().maximum.tolist() == [10.0, 12.0]
-
-
-def test_each_episode_can_be_another_sample_and_a_copy_goes_on_alone():
-    plant = known("quadrotor_load.py:plant")
-    varied = {"x": (-0.1, 0.1), "load": (0.05, 0.5), "damping.cable": (0.0, 0.01)}
-    scenario = afl.Scenario(name="drawn", plant=plant, duration=1.0, ranges=Ranges(varied=varied))
-    environment = afl.load(scenario, randomize=True, random=1, control_period=0.01)
-    assert isinstance(environment, Environment)
-    loads = {environment.reset().observation["parameters"][2] for _ in range(3)}
-    assert len(loads) == 3
-    physics = environment.physics
-    physics.set_control([5.0, 5.2])
-    physics.step(100)
-    twins = physics.copy(), pickle.loads(pickle.dumps(physics))
-    physics.step(100)
-    for twin in twins:
-        twin.step(100)
-        np.testing.assert_array_equal(twin.get_state(), physics.get_state())
 
 
 @pytest.mark.parametrize("name", PLANTS)

@@ -1,5 +1,4 @@
 import gc
-import math
 import pickle
 import zipfile
 
@@ -8,7 +7,6 @@ import pytest
 
 from afl_mujoco import Outcome, Trajectory, simulate_ode_rk4
 from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 from tests.messages import line
 
 ARRAYS = ("time", "state", "input", "command")
@@ -85,7 +83,8 @@ def test_a_file_with_one_wrong_byte_is_refused_or_read_but_never_crashes(saved):
     _, path = saved
     whole = path.read_bytes()
     refused = 0
-    for place in range(0, len(whole), 61):
+    listed = whole.index(b"PK\x01\x02")  # flags and methods of the archive, here and at its head
+    for place in (*range(64), *range(listed, listed + 64), *range(0, len(whole), 61)):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
         try:
             Trajectory.load(path)
@@ -105,15 +104,6 @@ def test_a_full_disk_is_said_in_one_line_and_leaves_the_old_file_whole(saved, mo
     with pytest.raises(FileError, match=r"cannot be written: no space left on device$"):
         run.save(path)
     assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
-
-
-@pytest.mark.parametrize("axis", range(4))
-@pytest.mark.parametrize("value", [STATE_LIMIT, -STATE_LIMIT, math.nan, math.inf])
-def test_a_state_with_one_runaway_number_is_beyond_the_limits(axis, value):
-    state = np.full(4, 0.9 * STATE_LIMIT)
-    assert within_limits(state)
-    state[axis] = value
-    assert not within_limits(state)
 
 
 def test_a_run_that_would_fill_the_memory_is_refused_by_its_headers(tmp_path, monkeypatch):

@@ -60,12 +60,6 @@ def test_every_point_is_a_run_from_there(scenario) -> None:
     assert len(np.unique(kinds)) > 1
 
 
-@pytest.mark.slow
-def test_the_rows_do_not_depend_on_the_workers() -> None:
-    one, two = (mapped(RIG, LQR, afl.CONTROLLERS["adaptive"], workers=n) for n in (1, 2))
-    assert one.rows == two.rows and len(one.rows) == 2 * 26
-
-
 def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> None:
     result = mapped(RIG, angle=1.5, rate=4.0, count=2)
     assert (result.kinds("lqr") != attraction.GOOD).all() and not result.runs("lqr")[-1].failure

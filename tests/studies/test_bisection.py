@@ -28,11 +28,11 @@ def test_the_bracket_holds_the_threshold_and_is_as_narrow_as_asked(edge, toleran
 def test_the_first_loss_counts_and_that_every_level_holds_or_none_is_said():
     scan = scan_levels(1.0, 10.0, 4)
     all_hold = find_threshold(lambda level: True, scan, 0.1)
-    assert (
-        all_hold.bound,
-        all_hold.holds_at,
-        all_hold.fails_at,
-    ) == (LOWER, pytest.approx(10), None)
+    assert (all_hold.bound, all_hold.holds_at, all_hold.fails_at) == (
+        LOWER,
+        pytest.approx(10),
+        None,
+    )
     none = find_threshold(lambda level: False, scan, 0.1)
     assert (none.bound, none.holds_at, none.fails_at) == (UPPER, None, 1.0)
     found = find_threshold(lambda x: x < 2.0 or 5.0 < x < 20.0, scan_levels(1.0, 100.0, 13), 0.01)

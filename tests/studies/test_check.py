@@ -226,8 +226,6 @@ BAD = {
     "accelerations must be real numbers, got complex": (equations("return 1j, 0.0"),),
     "accelerations must not change its arguments, but does": (
         equations("q[0] = 1.0\n    return q"),),
-    "accelerations must not change its arguments, but does ": (
-        equations("p.mass = 1.0\n    return q"),),
     "accelerations must be real numbers": (equations("return 'abc'"),),
     "accelerations raised ZeroDivisionError": (equations("return (1 / 0, 0.0)"),),
     "object has no attribute 'maas'; p has mass, length; did you mean mass": (
@@ -282,10 +280,3 @@ def test_parameters_never_drawn_elsewhere_are_said_and_a_box_leaves_a_singularit
     with pytest.raises(afl.AflMujocoError, match="accelerations must be"):
         afl.check(plant, 300)
     afl.check(plant, 300, box={"arm": (0.2, 1.0)})
-
-
-def test_an_invariant_that_breaks_alone_is_the_headline(monkeypatch) -> None:
-    """Equations and MJCF do not differ then, and no suspect explains it."""
-    monkeypatch.setattr(check_study.Request, "work", lambda self: (1.0, 0.0))
-    result = afl.check(known(QUAD), 50)
-    assert result.headline == "quadrotor-load: work of the velocity terms is 1/2 v M' v: 1"

@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
@@ -128,23 +127,6 @@ def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> Non
     data = json.loads((rig / "out" / "compare.json").read_text())
     assert data["scenarios"][0]["requirements"]["max"]["z"] == 1.0
     assert [row["controller"] for row in data["rows"]] == [*names]
-
-
-def test_the_same_object_with_memory_makes_the_same_run_twice(rig) -> None:
-    class Integrating:
-        def __init__(self) -> None:
-            self.sum = 0.0
-
-        def reset(self) -> None:
-            self.sum = 0.0
-
-        def __call__(self, time, state, belief):
-            self.sum += state[0]
-            return GAINS @ state + 0.01 * self.sum
-
-    own = as_controller(Integrating())
-    one, two = (compare(rig / "rig.toml", [own]).curves["rig/Integrating"] for _ in range(2))
-    np.testing.assert_array_equal(one.state, two.state)
 
 
 def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:

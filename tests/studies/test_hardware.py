@@ -1,14 +1,12 @@
 import json
-import math
 import shutil
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from afl_mujoco.identification.prediction import CHOOSE, FIT, load_estimates
+from afl_mujoco.identification.prediction import CHOOSE, FIT
 from afl_mujoco.report.markdown import to_markdown
-from afl_mujoco.studies.hardware import outlook, protocol, report
+from afl_mujoco.studies.hardware import protocol, report
 from tests.study_results import hardware
 
 
@@ -97,13 +95,3 @@ def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:
     nothing = report(replace(result, statements=(unknown,)))
     assert not nothing.passed  # it would validate a model by nothing
     assert "these recordings cannot tell" in to_markdown(nothing.blocks)
-
-
-@pytest.mark.slow
-def test_the_outlook_is_the_same_for_any_number_of_workers() -> None:
-    one = load_estimates()
-    here, there = outlook(one, 6, 2, 1), outlook(one, 6, 2, 2)
-    assert here == there
-    retuned = next(s for s in here if s.controller == "adaptive-retuned")
-    assert retuned.survived == 6 and retuned.angles["as it is"] >= math.radians(5.0)
-    assert np.all([s.angles["as it is"] == 0.0 for s in here if s is not retuned])

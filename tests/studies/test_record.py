@@ -1,14 +1,12 @@
 """A record comes back from its files; what an older one wrote goes, and nothing else."""
 
 import json
-import math
 import signal
 from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 
-from afl_mujoco import files
 from afl_mujoco.errors import FileError
 from afl_mujoco.report import style
 from afl_mujoco.studies.shared import record as record_module
@@ -48,18 +46,6 @@ def test_a_record_comes_back_as_it_was(name: str, tmp_path) -> None:
     assert same(again.result, record.result)
     assert (again.command, dict(again.versions)) == (record.command, dict(record.versions))
     assert again.report.headline == record.report.headline
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
-def test_its_files_are_the_same_bytes_each_time(name: str, tmp_path) -> None:
-    for folder in (tmp_path / "one", tmp_path / "two"):
-        folder.mkdir()
-        save_record(study_results.record(name), folder)
-    assert names(tmp_path / "one") == names(tmp_path / "two")
-    for path in (tmp_path / "one").rglob("*.*"):
-        other = tmp_path / "two" / path.relative_to(tmp_path / "one")
-        assert path.read_bytes() == other.read_bytes(), path
 
 
 def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path) -> None:
@@ -163,21 +149,13 @@ def test_files_of_another_run_are_refused(tmp_path, name: str) -> None:
         load_records(tmp_path)
 
 
-def test_a_number_that_is_not_finite_is_not_written(tmp_path) -> None:
-    record = study_results.record("margins")
-    wrong = replace(record, result=replace(record.result, control_period=math.nan))
-    with pytest.raises(ValueError, match="not JSON compliant"):
-        save_record(wrong, tmp_path)
-    assert names(tmp_path) == set()
-
-
 BARE = {"schema": 5, "study": "margins", "command": "", "versions": {}, "inputs": {}, "files": {}}
 LONG = BARE | {"scenario": "s", "control_period": "long"}
 
 
 @pytest.mark.parametrize(("content", "rule"), [
     ("{", "is not a result of afl-mujoco margins: "),
-    ("[]", "is not a result of afl-mujoco margins: "),
+    ("[]", "is not a result of afl-mujoco margins: "), ("[" * 100_000, "is not a result of"),
     ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
     ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
     ('{"schema": 5, "study": "margins"}', "'command' is missing"),
@@ -187,7 +165,7 @@ LONG = BARE | {"scenario": "s", "control_period": "long"}
     (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
     (json.dumps(BARE | {"files": 3}), "files must be an object, got 3"),
     ('{"schema": NaN}', "NaN is not a JSON number"),
-])  # fmt: skip
+], ids=lambda text: text[:36])  # fmt: skip
 def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(tmp_path, content, rule) -> None:
     (tmp_path / "margins.json").write_text(content)
     said = line(f"{tmp_path}/margins.json", ..., rule, ..., "run afl-mujoco margins")
@@ -205,11 +183,3 @@ def test_arrays_that_are_spoilt_are_one_line_with_what_mends_it(tmp_path, spoil)
     said = line(f"{tmp_path}/compare.json", ..., "run afl-mujoco compare")
     with pytest.raises(FileError, match=said):
         load_records(tmp_path)
-
-
-def test_arrays_that_would_fill_the_memory_are_refused_by_their_headers(tmp_path, monkeypatch):
-    record = study_results.record("compare")
-    save_record(record, tmp_path, figures=False)
-    monkeypatch.setattr(files, "MOST_ARRAYS", 1000)
-    with pytest.raises(FileError, match=r"its arrays must take at most 0\.001 MB, take "):
-        load_record(record.study, tmp_path)

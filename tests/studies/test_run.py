@@ -1,18 +1,14 @@
-import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own import PythonController
-from afl_mujoco.files import as_plain, parse_json
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
-from afl_mujoco.studies.attraction import Result as Map
 from afl_mujoco.studies.shared.run import Run, columns_of, run_all, run_of
-from afl_mujoco.studies.shared.tables import how, requirements_matrix
+from afl_mujoco.studies.shared.tables import requirements_matrix
 
 LQR, NOMINAL = afl.CONTROLLERS["lqr"], afl.SCENARIOS["nominal"]
 NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))
@@ -79,40 +75,6 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
     far = np.abs(afl.simulate_mujoco(scenarios[1], LQR).state[:, 0]) >= rail.at("end_stops.z")
     assert hit.time == pytest.approx(1e-3 * np.flatnonzero(far)[0])
     assert run_of(scenarios[1], LQR, afl.simulate_mujoco(scenarios[1], LQR)).time == hit.time
-
-
-def test_a_controller_that_computes_no_force_fails_its_own_run_alone() -> None:
-    def fragile(time, state, belief):
-        if abs(state[1]) > 0.5:
-            raise RuntimeError("far")
-        return LQR.force(state, belief)
-
-    own = PythonController(name="fragile", function=fragile)
-    leaning = replace(NEAR, initial_state=(0.0, 0.7, 0.0, 0.0))
-    good, bad = run_all(own, [NEAR, leaning])
-    assert (good.failure, bad.failure) == ("", CONTROLLER_FAILED)
-    assert bad.message == "raised RuntimeError at t = 0 s: far"
-    assert (bad.time, bad.settled, {*bad.metrics.values()}) == (None, False, {None})
-    assert bad.missed and how(bad.failure) == "controller fails"
-
-
-def test_rows_come_back_from_their_file_and_what_is_no_row_is_refused() -> None:
-    asked = afl.Requirements(max={"z": 0.3}, settling_time=2.9)
-    runs = run_all(LQR, [replace(NEAR, requirements=asked), NEAR])
-    axis = np.array([0.0])
-    result = Map(
-        scenario=NEAR, controllers=("lqr",), integrator="RK4", timestep=None,
-        axes=("phi", "phi_dot"), angles=axis, rates=axis, rows=tuple(runs),
-    )  # fmt: skip
-    data = as_plain(result, arrays := {})
-    assert data["rows"][0] | {"requirements": []} == runs[0].row | {"requirements": []}
-    judged = data["rows"][0]["requirements"][1]
-    assert {"requirement", "value", "limit", "margin", "met"} <= judged.keys()
-    again = parse_json(json.dumps(data), Map, arrays)
-    assert again.rows == tuple(runs)
-    for rows, rule in (({}, "must be a list of objects"), ([{"scenario": 3}], "rows")):
-        with pytest.raises(ValueError, match=rule):
-            parse_json(json.dumps(data | {"rows": rows}), Map, arrays)
 
 
 def test_the_matrix_counts_draws_and_shows_margins() -> None:

@@ -175,12 +175,3 @@ def test_mean_peak_square_and_variation_are_those_of_a_fine_simulation_of_the_ch
     assert drive["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
     variation = np.abs(np.diff(fine, prepend=0.0)).sum()
     assert drive["force_variation"] == pytest.approx(variation, rel=3e-3)
-
-
-def test_a_run_of_equal_commands_squares_and_varies_as_the_closed_form():
-    lag, n = 0.004, 50
-    _, drive = driven(Imperfections(lag=lag), [7.0] * n)
-    end, gone = n * H, math.exp(-n * H / lag)
-    squared = 49.0 * (end - 2.0 * lag * (1.0 - gone) + 0.5 * lag * (1.0 - gone**2))
-    assert drive["force_squared"] * H == pytest.approx(squared, rel=1e-12)
-    assert drive["force_variation"] == pytest.approx(7.0 * (1.0 - gone), rel=1e-12)

@@ -1,13 +1,10 @@
 """Many runs: the same bits among others, on any threads, and alone; figures of the run itself."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.metrics import metrics
 
 FIGURES = (
@@ -73,30 +70,3 @@ def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptiv
             theirs = metrics(scenario, adaptive, run)
             assert many.iae_z[i] == pytest.approx(theirs["iae_z"], rel=1e-12)
             assert many.iae_phi[i] == pytest.approx(theirs["iae_phi"], rel=1e-12)
-
-
-def test_settling_and_the_end_stop_are_read_off_the_run(adaptive):
-    wide = afl.Scenario(name="wide", duration=15.0)
-    narrow = replace(wide, imperfections=afl.Imperfections(end_stops={"z": 1.0}))
-    brief = replace(wide, duration=1.0)
-    many = afl.run_rollouts([wide, narrow, brief], adaptive)
-    run = afl.simulate_mujoco(wide, adaptive, "sampled")
-    outside = (np.abs(run.state[:, 0]) > 0.05) | (np.abs(run.state[:, 1]) > 0.02)
-    assert many.settling_time[0] == run.time[np.flatnonzero(outside)[-1] + 1]
-    hit = afl.simulate_mujoco(narrow, adaptive, "sampled")
-    assert many.stop_time[1] == hit.time[np.abs(hit.state[:, 0]) >= 1.0][0]
-    assert hit.outcome.kind == "fell" and np.isnan(many.stop_time[[0, 2]]).all()
-    assert np.isnan(many.settling_time[[1, 2]]).all()
-
-
-def test_requirements_are_judged_as_of_the_single_run(adaptive):
-    asked = afl.Requirements(max={"z": 2.0, "force": 80.0}, settling_time=5.0, bands={"phi": 0.1})
-    noisy = afl.Imperfections(noise={"phi": 1e-3}, delay=0.003)
-    with_them = afl.Scenario(name="asked", duration=6.0, imperfections=noisy, requirements=asked)
-    without = afl.Scenario(name="plain", duration=6.0, imperfections=noisy)
-    many = afl.run_rollouts([without, with_them], adaptive, **SETTINGS)
-    for scenario, found in zip((without, with_them), many.requirements, strict=True):
-        run = afl.simulate_mujoco(scenario, adaptive, "sampled", **SETTINGS)
-        assert found == judge(scenario, run)
-    assert [one.requirement for one in many.requirements[1] if not one.met]
-    assert many.peak_z[0] == many.peak_z[1]
