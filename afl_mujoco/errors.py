@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from numbers import Integral
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Any
 
 
@@ -124,6 +124,12 @@ class FileError(AflMujocoError):
     def cannot_be(cls, deed: str, path: object, error: OSError) -> FileError:
         """Build the error of a file that the operating system refuses, with its reason."""
         return cls(str(path), f"cannot be {deed}: {(error.strerror or str(error)).lower()}")
+
+    @classmethod
+    def none_at(cls, path: Path) -> FileError:
+        """Build the error of a path at which there is no file."""
+        there = "it is a folder" if path.is_dir() else "no such file"
+        return cls(str(path), f"cannot be read: {there}")
 
 
 _MALFORMED = (

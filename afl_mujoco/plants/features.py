@@ -11,7 +11,7 @@ import numpy as np
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.library import mujoco
 
-DISABLE, JOINT, TRANSMISSION = mujoco.mjtDisableBit, mujoco.mjtJoint, mujoco.mjtTrn
+DISABLE, TRANSMISSION = mujoco.mjtDisableBit, mujoco.mjtTrn
 
 LEFT_OUT = "left out"  # in place of a remedy: the comparison does without it, and says so
 
@@ -24,7 +24,7 @@ ALTERED = {
 
 def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
     """Return features, where the model has them, and what to set; a joint's are by joint."""
-    off, trees = m.opt.disableflags, 'not yet; use joints of type="hinge" and "slide"'
+    off = m.opt.disableflags
     at_site = (m.actuator_trntype == TRANSMISSION.mjTRN_SITE) & (m.actuator_trnid[:, 1] < 0)
     at_joint = np.isin(
         m.actuator_trntype, [TRANSMISSION.mjTRN_JOINT, TRANSMISSION.mjTRN_JOINTINPARENT]
@@ -32,8 +32,6 @@ def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
     euler, rk4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
     own = 'set {0}="0", or give it to the joint'
     return (
-        ("free joint", m.jnt_type == JOINT.mjJNT_FREE, trees),
-        ("ball joint", m.jnt_type == JOINT.mjJNT_BALL, trees),
         ("equality constraint", m.neq, "remove <equality>"),
         ("tendon", m.ntendon, "remove <tendon>"),
         ("flex", m.nflex, "remove <deformable>"),

@@ -340,7 +340,8 @@ class Plant:
         }.items():  # fmt: skip
             for name in names:
                 if name in owner:
-                    rule = f"must not be the name of the {owner[name]} too"
+                    other = f"the {owner[name]}" if owner[name] != kind else f"another {kind}"
+                    rule = f"must not be the name of {other} too"
                     raise InvalidValueError(f"{kind} {name!r}", rule)
                 owner[name] = kind
 
@@ -515,7 +516,7 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
 def _run_file(path: Path) -> tuple[ModuleType, str]:
     """Return the module of a file, executed anew, and the digest of its text."""
     if not path.is_file():
-        raise FileError(str(path), "cannot be read: no such file")
+        raise FileError.none_at(path)
     path = path.resolve()
     look_in(path.parent)  # for what it imports from beside it
     name = path.stem if path.stem.isidentifier() else "plant"

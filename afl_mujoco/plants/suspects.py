@@ -125,7 +125,7 @@ class Search:
                 more = itertools.islice(self.further(), 1 if varies else ALIKE)
                 found = list(dict.fromkeys([*found, *more]))
         if len(found) > ALIKE:  # what explains it by one of the two, and by both
-            found = [said for said in found if not said.startswith("mass and inertia of")]
+            found = [said for said in found if not said.startswith("the mass with")]
         hint = " (parameters that vary would tell)" * (len(found) > 1)
         return ", or ".join(found[:ALIKE]) + hint
 
@@ -141,12 +141,13 @@ class Search:
             yield from _explained(say, self.start, left)
         for family in families:
             yield from self.together(family)
-        for say, left in itertools.chain(self.lengths(), self.exchanged()):
+        for say, left in itertools.chain(self.lengths(), self.exchanged(), self.frames()):
             yield from _explained(say, self.start, left)
 
     def further(self) -> Iterator[str]:
         """Yield what else explains the difference, the most usual first."""
-        for say, left in itertools.chain(self.parameters(), self.angles(), self.unwritten()):
+        families = (self.parameters(), self.angles(), self.joints(), self.unwritten())
+        for say, left in itertools.chain(*families):
             yield from _explained(say, self.start, left)
         yield from self.stale()
         single: Iterator[Suspect] = (
@@ -202,6 +203,16 @@ class Search:
             trees.append(tree._replace(**fields))
         return self.residual(**self.terms_of(trees)._asdict())
 
+    def inertia(self, body: int, change: Callable[[Floats, Tree], Floats]) -> Floats:
+        """Return what is left with another inertia of a body, (3, 3) along the body's axes."""
+        parts = [_principal(change(_tensor(tree, body), tree)) for tree in self.trees]
+        moments, turns = ([*some] for some in zip(*parts, strict=True))
+        return self.edited(
+            body,
+            body_inertia=lambda x, tree: moments.pop(0),
+            body_iquat=lambda x, tree: turns.pop(0),
+        )
+
     def given(self, **changed: Floats) -> Floats:
         """Return what is left if the equations were given other things."""
         return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
@@ -239,11 +250,12 @@ class Search:
         yield [(share("gravity"), self.edited(..., gravity=twice))]
         yield [(share(f"the gear of input {name}"), self.edited(k, actuator_gear=twice))
                for k, name in enumerate(self.plant.inputs)]  # fmt: skip
-        yield [(partial(_about, name), self.edited(b, body_inertia=partial(_moved, b)))
-               for b, name in self.bodies]  # fmt: skip
+        for point in (_joint, _origin):
+            yield [(partial(_about, name), self.inertia(b, partial(_moved, b, point)))
+                   for b, name in self.bodies]  # fmt: skip
         for what, fields in (
             ("the inertia", ["body_inertia"]), ("the mass", ["body_mass"]),
-            ("mass and inertia", ["body_inertia", "body_mass"]),
+            ("the mass with the inertia", ["body_inertia", "body_mass"]),
         ):  # fmt: skip
             yield [(partial(_inertial, f"{what} of body {name}"),
                     self.edited(b, **dict.fromkeys(fields, twice)))
@@ -289,6 +301,59 @@ class Search:
                 hint = " (l for 2 l?)" if factor > 0.0 else ""
                 said = _share(f"the {word} of body {name}", factor - 1.0)
                 yield partial(_whole, said + hint), self.edited(b, **change)
+
+    def frames(self) -> Iterator[Suspect]:
+        """Yield other orientations of bodies, and single components of their places."""
+        for b, name in self.bodies:
+            for field, word in (("body_ipos", "centre of mass"), ("body_pos", "place")):
+                thing = f"the {word} of body {name}"
+                for i, j in itertools.combinations(range(3), 2):
+                    order = [{i: j, j: i}.get(k, k) for k in range(3)]
+                    said = f"{'xyz'[i]} and {'xyz'[j]} of {thing} are exchanged in the equations"
+                    left = self.edited(b, **{field: lambda x, tree, order=order: x[order]})
+                    yield partial(_whole, said), left
+                used = np.flatnonzero(getattr(self.trees[0], field)[b])
+                single = used if len(used) > 1 else used[:0]  # one alone is the whole
+                for i, factor in itertools.product(single, (-1.0, 0.0, 2.0, 0.5)):
+                    scale = np.where(np.arange(3) == i, factor, 1.0)
+                    said = _share(f"{'xyz'[i]} of {thing}", factor - 1.0)
+                    yield partial(_whole, said), self.edited(b, **{field: partial(_times, scale)})
+            for factor, word in ((-1.0, "have the other sign"), (0.0, "are missing")):
+                said = f"the products of inertia of body {name} {word} in the equations"
+                scale = np.where(np.eye(3) > 0.0, 1.0, factor)
+                yield partial(_whole, said), self.inertia(b, partial(_times, scale))
+            for i, j in itertools.combinations(range(3), 2):
+                said = f"two products of inertia of body {name} are exchanged in the equations"
+                yield partial(_whole, said), self.inertia(b, partial(_crossed, i, j))
+            for field, word in (("body_quat", "frame"), ("body_iquat", "inertia")):
+                back = np.array([1.0, -1.0, -1.0, -1.0])
+                upright = self.edited(b, **{field: lambda x, tree: np.eye(4)[0]})
+                said = f"the orientation of the {word} of body {name} is"
+                yield partial(_whole, f"{said} missing in the equations"), upright
+                turned = self.edited(b, **{field: partial(_times, back)})
+                yield partial(_whole, f"{said} turned back in the equations"), turned
+
+    def joints(self) -> Iterator[Suspect]:
+        """Yield other axes, anchors and references of joints, and exchanged rates."""
+        for j, name in enumerate(self.plant.coordinates):
+            for axis in np.vstack([np.eye(3), -np.eye(3)]):
+                said = f"the axis of {name} is {axis.astype(int).tolist()} in the equations"
+                left = self.edited(j, jnt_axis=lambda x, tree, axis=axis: axis)
+                yield partial(_whole, said), left
+            said = f"the anchor of {name} is missing in the equations"
+            yield partial(_whole, said), self.edited(j, jnt_pos=partial(_times, 0.0))
+            for factor, word in ((0.0, "is missing"), (-1.0, "has the other sign")):
+                said = f"the ref of {name} {word} in the equations"
+                yield partial(_whole, said), self.edited(j, ref=partial(_times, factor))
+        said = 'angles of the MJCF are in degrees, for want of <compiler angle="radian"/>'
+        hinges = np.where(self.trees[0].slides > 0, 1.0, 180.0 / math.pi)
+        turns = dict.fromkeys(("body_quat", "body_iquat", "site_quat"), _in_radians)
+        angles = dict.fromkeys(("ref", "springref"), partial(_times, hinges))
+        yield partial(_whole, said), self.edited(..., **turns, **angles)
+        names = self.plant.coordinates
+        for j, k, order in _exchanges(len(names)):
+            said = f"the rates of {names[j]} and {names[k]} are exchanged in the equations"
+            yield partial(_whole, said), self.given(v=np.ascontiguousarray(self.points.v[:, order]))
 
     def parameters(self) -> Iterator[Suspect]:
         """Yield parameters in other units, and exchanged ones."""
@@ -434,6 +499,15 @@ class Search:
             mixed = (at_rates(light, i, j) - alone[i] - alone[j]) * v[:, [i]] * v[:, [j]]
             yield f"{names[i]}_dot {names[j]}_dot{who}", "bias", mixed
         whole, gain = self.terms_of(light).bias, self.gain(light)
+        for j in range(n):
+            still = v * (np.arange(n) != j)
+            others = self.terms_of(light, still).bias
+            yield f"all velocity terms with {names[j]}_dot{who}", "bias", whole - others
+            yield (
+                f"mixed velocity terms with {names[j]}_dot{who}",
+                "bias",
+                (whole - others - alone[j] * v[:, [j]] ** 2),
+            )
         yield f"all velocity terms{who}", "bias", whole
         yield f"M' v{who}", "bias", gain
         yield f"1/2 v (dM/dq) v{who}", "bias", whole - gain
@@ -517,16 +591,63 @@ def _is_left(start: Floats, left: Floats) -> bool:
     return not bool(np.abs(left).max() <= EXPLAINED * np.abs(start).max() + ROUNDING)
 
 
-def _times(factor: float, x: Floats, tree: Tree) -> Floats:
+def _times(factor: float | Floats, x: Floats, tree: Tree) -> Floats:
     return factor * x
 
 
-def _moved(body: int, inertia: Floats, tree: Tree) -> Floats:
-    """Return the inertia of a body about its joint, m r^2 more."""
-    joint = tree.jnt_pos[tree.first_joint[body]] if tree.joint_count[body] else np.zeros(3)
-    arm = tree.body_ipos[body] - joint
-    found: Floats = inertia + tree.body_mass[body] * (arm @ arm - arm * arm)
+def _joint(tree: Tree, body: int) -> Floats:
+    """Return where a body turns, in its frame."""
+    return tree.jnt_pos[tree.first_joint[body]] if tree.joint_count[body] else np.zeros(3)
+
+
+def _origin(tree: Tree, body: int) -> Floats:
+    return np.zeros(3)
+
+
+def _moved(body: int, point: Callable[[Tree, int], Floats], inertia: Floats, tree: Tree) -> Floats:
+    """Return the inertia of a body about another point, m r^2 more."""
+    arm = tree.body_ipos[body] - point(tree, body)
+    found: Floats = inertia + tree.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return found
+
+
+def _crossed(i: int, j: int, inertia: Floats, tree: Tree) -> Floats:
+    """Return an inertia whose products of two axes with the third are exchanged."""
+    order = [{i: j, j: i}.get(k, k) for k in range(3)]
+    moments = np.diag(np.diag(inertia))
+    return moments + (inertia - moments)[np.ix_(order, order)]
+
+
+def _tensor(tree: Tree, body: int) -> Floats:
+    """Return the inertia of a body about its centre of mass along the axes of its frame, (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    turn = Rotation.from_quat(tree.body_iquat[body], scalar_first=True).as_matrix()
+    return np.asarray(turn * tree.body_inertia[body] @ turn.T)
+
+
+def _principal(inertia: Floats) -> tuple[Floats, Floats]:
+    """Return moments and the quaternion of their axes."""
+    from scipy.spatial.transform import Rotation
+
+    moments, turn = np.linalg.eigh(inertia)
+    turn[:, 0] *= np.linalg.det(turn)
+    return moments, np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
+
+
+def _in_radians(quats: Floats, tree: Tree) -> Floats:
+    """Return rotations by as many radians as these have degrees, about the same axes.
+
+    Larger ones than a turn would be are not of angles of the MJCF, but of a `fullinertia`.
+    """
+    from scipy.spatial.transform import Rotation
+
+    if not len(quats):
+        return quats
+    turns = Rotation.from_quat(quats, scalar_first=True).as_rotvec()
+    small = np.linalg.norm(turns, axis=1, keepdims=True) < math.radians(2.0 * math.pi)
+    turns = np.where(small, np.degrees(turns), turns)
+    return np.asarray(Rotation.from_rotvec(turns).as_quat(scalar_first=True))
 
 
 def _subsets(count: int) -> Iterator[list[int]]:

@@ -115,6 +115,10 @@ class PlantModel:
 
     def _require_names(self) -> None:
         """Raise unless coordinates and inputs are all of the MJCF's, in its order."""
+        for one in self._spec.joints:
+            if one.type not in (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE):
+                rule = 'must be of type "hinge" or "slide": free and ball joints are not taken yet'
+                raise InvalidValueError(f"joint {one.name!r}", rule)
         for thing, given, there, kind in (
             ("coordinates", self.plant.coordinates, self._spec.joints, "joint"),
             ("inputs", self.plant.inputs, self._spec.actuators, "actuator"),
@@ -502,7 +506,7 @@ def _holder(spec: Any, target: Target) -> tuple[Any, str]:
 def _read(plant: Plant) -> Any:
     path = plant.model if isinstance(plant.model, Path) else None
     if path and not path.is_file():
-        raise FileError(str(path), "cannot be read: no such file")
+        raise FileError.none_at(path)
     try:
         if path:
             return mujoco.MjSpec.from_file(str(path))

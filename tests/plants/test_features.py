@@ -21,7 +21,7 @@ REFUSED = {
     "servo of actuator 'torque' .*<motor>": (
         (MOTOR, '<position name="torque" joint="arm" kp="1"/>'),),
     "fluid .*density": (("<worldbody>", '<option density="1.2"/><worldbody>'),),
-    "ball joint 'arm' .*not yet": ((ARM, '<joint name="arm" type="ball"/>'),),
+    "joint 'arm' must be .*: free and ball": ((ARM, '<joint name="arm" type="ball"/>'),),
     "mocap body .*mocap": (
         ("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
     "flex .*deformable": (
