@@ -392,12 +392,13 @@ def _as_floats(value: Any, count: int) -> Floats:
 
 
 def _seen(value: Any) -> str:
-    """Return a text of what is no number: of an array or a tensor its shape."""
+    """Return a text of what is no number: of an array or a tensor its shape and type."""
     try:
-        shape = tuple(int(x) for x in getattr(value, "shape", np.shape(value)))
+        shape = tuple(int(x) for x in value.shape)
     except Exception:
         shape = ()
-    return f"an array of shape {shape}" if shape else told(value, repr)
+    kind = f" of {value.dtype}" if hasattr(value, "dtype") else ""
+    return f"an array of shape {shape}{kind}" if shape else told(value, repr)
 
 
 def _restored(given: dict[str, Any]) -> PythonController:

@@ -68,8 +68,8 @@ def _print(found: Sequence[Block], console: Console) -> None:
         elif isinstance(block, Matrix) and not block.folded:
             if block.caption:
                 console.print(_text(block.caption, "italic"))
-            for part in _tables(block, console.width):
-                console.print(part)
+            for part, needed in _tables(block, console.width):
+                console.print(part, width=max(console.width, needed), crop=False)
             console.print()
 
 
@@ -77,8 +77,11 @@ def _text(text: str, style: str = "") -> Text:
     return Text(printable(text), style=style)
 
 
-def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
-    """Yield a matrix in parts that fit a width; no number or word is broken."""
+def _tables(matrix: Matrix, width: int) -> Iterator[tuple[Table, int]]:
+    """Yield a matrix in parts that fit a width, if they can, and what each needs.
+
+    No number or word is broken: a terminal that is too narrow breaks lines by itself.
+    """
     rows = [[(printable(c.marked), STYLES.get(c.status, "")) for c in row] for row in matrix.cells]
     texts = [[head, *(row[k][0] for row in rows)] for k, head in enumerate(matrix.columns)]
     most = [max(map(cell_len, found)) for found in texts]
@@ -103,7 +106,7 @@ def _tables(matrix: Matrix, width: int) -> Iterator[Table]:
                 cells[0] = Text("")
             above = row[0][0]
             shown.add_row(*cells)
-        yield shown
+        yield shown, sum(least[k] + GAP for k in part) + 1
 
 
 def _parts(least: Sequence[int], names: int, width: int) -> list[list[int]]:

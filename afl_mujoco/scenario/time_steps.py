@@ -85,11 +85,8 @@ def _place(times: Floats, time: float) -> float:
 
 def _require_few(unit: str, length: float, step: float) -> None:
     if length / step > MOST_STEPS:
-        raise InvalidValueError(
-            unit,
-            f"must be at least {length / MOST_STEPS:g} s here: more steps would fill the memory",
-            step,
-        )
+        rule = f"must be at least {length / MOST_STEPS:g} s in a run of {length:g} s"
+        raise InvalidValueError(unit, f"{rule}: more steps would fill the memory", step)
 
 
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:

@@ -535,6 +535,7 @@ def report(result: Result) -> Report:
     if r.imperfections != "none" or r.left_out:
         said = f"Imperfections of {r.scenario} that count: {r.imperfections}; "
         left = listed(r.left_out, "and") or "none"
+        said += "a delay counts in held loops only; " * ("delay" in r.imperfections)
         blocks.append(plain(f"{said}that a linear loop cannot have: {left}."))
     if r.rows:
         plants, cells = _delays(r)

@@ -140,8 +140,8 @@ def test_one_number_in_any_shape_is_a_force(value):
 
 @pytest.mark.parametrize(("value", "said"), [
     (None, "None"), ("3", "'3'"), (True, "True"), (1j, "1j"),
-    ([1.0, 2.0], "an array of shape (2,)"), (np.zeros((1, 2)), "an array of shape (1, 2)"),
-    (b"3", "b'3'"), (np.True_, "np.True_"), (np.array(["3"]), "an array of shape (1,)"),
+    ([1.0, 2.0], "[1.0, 2.0]"), (np.zeros((1, 2)), "an array of shape (1, 2) of float64"),
+    (b"3", "b'3'"), (np.True_, "np.True_"), (np.array(["3"]), "an array of shape (1,) of <U1"),
     (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
     (Tensor(3.0, 4.0), "an array of shape (2,)"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
     (Mute(), "<Mute without a text>"),

@@ -275,3 +275,14 @@ def test_small_films_are_inside_the_page_large_ones_linked_posters_small(folders
     still.write_text("text")
     with pytest.raises(FileError, match=r"still\.png must be a picture"):
         show_films([film(one, poster=still)], page)
+
+
+def test_on_a_terminal_that_is_too_narrow_nothing_of_a_table_is_cut(monkeypatch, capsys) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    wide = blocks.Matrix(
+        caption="",
+        columns=("a name that is long", "value"),
+        rows=[("whatever it is", "0.3 (50 %)")],
+    )
+    print_report(blocks.Report(headline="", blocks=[wide]), headline=False)
+    assert "0.3 (50 %)" in capsys.readouterr().out
