@@ -57,7 +57,7 @@ def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable() ->
 
 
 @pytest.mark.parametrize(("rate", "floor", "decayed"), [
-    (-1.0, 1e-16, True), (-0.01, 1e-16, True), (0.01, 1e-16, False), (-1.0, 1e-6, False),
+    (-3.0, 1e-16, True), (-0.01, 1e-16, True), (0.01, 1e-16, False), (-3.0, 1e-6, False),
 ])  # fmt: skip
 def test_what_has_decayed_to_round_off_decays_whatever_this_does(rate, floor, decayed) -> None:
     time = np.linspace(0.0, 20.0, 2001)
