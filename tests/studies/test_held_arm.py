@@ -53,7 +53,7 @@ def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable() ->
     assert measured["remembering"].stable and measured["remembering"].delay > 0.01
     (held,) = [x for x in found.rows if (x.controller, x.loop) == ("lqr", "held")]
     assert measured["lqr"].stable
-    assert measured["lqr"].delay == pytest.approx(held.delay, rel=2e-3)  # was 80 % off
+    assert measured["lqr"].delay == pytest.approx(held.delay, rel=2e-3)
 
 
 @pytest.mark.parametrize(("rate", "floor", "decayed"), [
