@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
+import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,7 +23,9 @@ def told_of(thing: str, did: str = "raised", *, given: Any = None) -> Iterator[N
     try:
         yield
     except AflMujocoError as error:  # it called the package wrongly
-        raise error.within(f"{thing}: ") from None
+        frames = traceback.extract_tb(error.__traceback__)
+        lines = [f":{frame.lineno}" for frame in frames if frame.filename == thing]
+        raise error.within(f"{thing}{''.join(lines[-1:])}: ") from None
     except KeyboardInterrupt:
         raise
     except BaseException as error:

@@ -239,14 +239,14 @@ BAD = {
     "absent.xml cannot be read: no such file": (("model=XML", 'model="absent.xml"'),),
     "signal 'far' must be one number": (
         ('name="small"', 'signals={"far": lambda q, v, p: (1.0, 2.0)}, name="small"'),),
-    "small.py: signal 'torque_command' must not be the name of the command too": (
+    "small.py:21: signal 'torque_command' must not be the name of the command too": (
         ('name="small"', 'signals={"torque_command": lambda q, v, p: 0.0}, name="small"'),),
-    "small.py: parameter 'arm_dot' must not be the name of the state too": (
+    "small.py:21: parameter 'arm_dot' must not be the name of the state too": (
         ('{"mass": afl', '{"arm_dot": afl.Parameter(1.0), "mass": afl'),),
-    "small.py: value must lie in 0.5 to 0.8, got 0.4": (("low=0.2", "low=0.5"),),
-    "small.py: rate must be one of frozen, enters, got 'enter'; did you mean": (
+    "small.py:24: value must lie in 0.5 to 0.8, got 0.4": (("low=0.2", "low=0.5"),),
+    "small.py:24: rate must be one of frozen, enters, got 'enter'; did you mean": (
         ('low=0.2, high=0.8', 'low=0.2, high=0.8, rate="enter"'),),
-    "small.py: axis must be one of x, y, z": (("length=p.length)", 'length=p.length, axis="w")'),
+    "small.py:17: axis must be one of x, y, z": (("length=p.length)", 'length=p.length, axis="w")'),
         ("plant = afl", "write(afl.ball(mass=1, radius=1))\nplant = afl"),
         ("mass=p.mass, length=p.length", "mass=p.mass, length=p.mass")),
     "plant 'small.py:plan' must be": (),
