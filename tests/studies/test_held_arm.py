@@ -9,6 +9,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.studies import margins
 from afl_mujoco.studies.margins import MEASURED, START, Request, decays, run
 
 MODEL = """<mujoco><option integrator="RK4"/><worldbody><body>
@@ -45,7 +46,8 @@ class Remembering:
         return HOLDING + 20.0 * (math.pi / 2.0 - state[0]) - 2.0 * state[1]
 
 
-def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable() -> None:
+def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable(monkeypatch) -> None:
+    monkeypatch.setattr(margins, "DURATION", 6.0)  # it moves at some rad/s
     own = PythonController(name="remembering", function=Remembering)
     lqr = afl.find_controller("lqr")
     found = run(Request(SCENARIO, [lqr, own], {}, 0.005, None, [()]))
