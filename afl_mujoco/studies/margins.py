@@ -621,7 +621,8 @@ def _table(result: Result, held: str) -> Matrix:
         measured = _measured(r, name, one) if kind == HELD else MISSING
         rows.append([name, *[one] * several, kind, count, *cells, place, measured])
     return Matrix(
-        caption=f"Worst margins over {r.plants} plants, {held}, where the delay margin is least, "
+        caption=f"Worst margins over {r.plants} plant{'s' * (r.plants != 1)}, {held}, where the "
+        "delay margin is least, "
         f"and how far from it the delay is from which a motion of {short(1e3 * START)} mrad grows "
         "in MuJoCo",
         columns=[
