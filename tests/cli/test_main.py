@@ -69,6 +69,7 @@ def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(folder, refu
     assert BAD_ARGUMENTS[line] in refuses(*shlex.split(line))
 
 
+@pytest.mark.slow
 def test_validate_writes_a_report_that_passes(folder, command_line) -> None:
     code, output, errors = command_line("validate", "short.toml", "--workers", "1", "--out", "out")
     assert (code, errors) == (0, "")

@@ -18,6 +18,7 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
     assert {f"peak_{x}" for x in scenario.plant.coordinates} < set(run.metrics)
 
 
+@pytest.mark.slow
 def test_a_quadrotor_has_an_lqr_by_default_with_thresholds_samples_and_a_map() -> None:
     file = str(EXAMPLES / "quadrotor_load.toml")
     asked = ("delay", "load_error+")
