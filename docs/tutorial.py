@@ -17,9 +17,8 @@ PAGE = HERE / "pages" / "tutorial" / "index.md"
 MARK = "# %%\n"  # before what a block prints, and at the end
 
 
-def blocks(text: str) -> list[str]:
-    """Return the Python of a page, block by block."""
-    return re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+PRINTED = re.compile(r"\A\s*```text\n.*?^```$", re.DOTALL | re.MULTILINE)
 
 
 def notebook(text: str) -> str:
@@ -27,14 +26,14 @@ def notebook(text: str) -> str:
 
     What the blocks print is left out: the notebook prints it itself.
     """
-    own = blocks(PAGE.read_text(encoding="utf-8"))  # not the files that it shows
+    own = BLOCK.findall(PAGE.read_text(encoding="utf-8"))  # not the files that it shows
 
     def cells() -> Iterator[dict[str, object]]:
-        for said in re.split(r"^(```python\n.*?^```$)", text, flags=re.DOTALL | re.MULTILINE):
-            if (code := blocks(said)) and code[0] in own:
+        for k, said in enumerate(BLOCK.split(text)):  # in turn what stands between, and blocks
+            if k % 2 and said in own:
                 yield {"cell_type": "code", "execution_count": None, "outputs": [],
-                       "metadata": {}, "source": code[0].strip()}  # fmt: skip
-            elif words := re.sub(r"\A\s*```text\n.*?^```$", "", said, flags=re.S | re.M).strip():
+                       "metadata": {}, "source": said.strip()}  # fmt: skip
+            elif words := f"```python\n{said}```" if k % 2 else PRINTED.sub("", said).strip():
                 yield {"cell_type": "markdown", "metadata": {}, "source": words}
 
     kernel = {"name": "python3", "display_name": "Python 3", "language": "python"}
@@ -47,7 +46,7 @@ if __name__ == "__main__":
     os.chdir(HERE / "tutorial")
     sys.path.insert(0, "")
     known: dict[str, object] = {}
-    for block in blocks(PAGE.read_text(encoding="utf-8")):
+    for block in BLOCK.findall(PAGE.read_text(encoding="utf-8")):
         print(MARK, end="")
         exec(block, known)  # our own page
     print(MARK, end="")

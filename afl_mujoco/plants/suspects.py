@@ -201,17 +201,26 @@ class Search:
             for name, function in change.items():
                 fields[name][index] = function(fields[name][index], tree)
             trees.append(tree._replace(**fields))
+        return self.left(trees)
+
+    def left(self, trees: Sequence[Tree]) -> Floats:
+        """Return what is left if the trees were others."""
         return self.residual(**self.terms_of(trees)._asdict())
 
     def inertia(self, body: int, change: Callable[[Floats, Tree], Floats]) -> Floats:
         """Return what is left with another inertia of a body, (3, 3) along the body's axes."""
-        parts = [_principal(change(_tensor(tree, body), tree)) for tree in self.trees]
-        moments, turns = ([*some] for some in zip(*parts, strict=True))
-        return self.edited(
-            body,
-            body_inertia=lambda x, tree: moments.pop(0),
-            body_iquat=lambda x, tree: turns.pop(0),
-        )
+        from scipy.spatial.transform import Rotation
+
+        trees = []
+        for tree in self.trees:
+            inertias, quats = tree.body_inertia.copy(), tree.body_iquat.copy()
+            turn = Rotation.from_quat(quats[body], scalar_first=True).as_matrix()
+            moments, axes = np.linalg.eigh(change(turn * inertias[body] @ turn.T, tree))
+            axes[:, 0] *= np.linalg.det(axes)
+            inertias[body] = moments
+            quats[body] = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+            trees.append(tree._replace(body_inertia=inertias, body_iquat=quats))
+        return self.left(trees)
 
     def given(self, **changed: Floats) -> Floats:
         """Return what is left if the equations were given other things."""
@@ -307,8 +316,7 @@ class Search:
         for b, name in self.bodies:
             for field, word in (("body_ipos", "centre of mass"), ("body_pos", "place")):
                 thing = f"the {word} of body {name}"
-                for i, j in itertools.combinations(range(3), 2):
-                    order = [{i: j, j: i}.get(k, k) for k in range(3)]
+                for i, j, order in _exchanges(3):
                     said = f"{'xyz'[i]} and {'xyz'[j]} of {thing} are exchanged in the equations"
                     left = self.edited(b, **{field: lambda x, tree, order=order: x[order]})
                     yield partial(_whole, said), left
@@ -322,9 +330,9 @@ class Search:
                 said = f"the products of inertia of body {name} {word} in the equations"
                 scale = np.where(np.eye(3) > 0.0, 1.0, factor)
                 yield partial(_whole, said), self.inertia(b, partial(_times, scale))
-            for i, j in itertools.combinations(range(3), 2):
-                said = f"two products of inertia of body {name} are exchanged in the equations"
-                yield partial(_whole, said), self.inertia(b, partial(_crossed, i, j))
+            said = f"two products of inertia of body {name} are exchanged in the equations"
+            for _, _, order in _exchanges(3):
+                yield partial(_whole, said), self.inertia(b, partial(_crossed, order))
             for field, word in (("body_quat", "frame"), ("body_iquat", "inertia")):
                 back = np.array([1.0, -1.0, -1.0, -1.0])
                 upright = self.edited(b, **{field: lambda x, tree: np.eye(4)[0]})
@@ -442,8 +450,7 @@ class Search:
                     for own in (_only(getattr(tree, field), b),)
                 ]
                 said = f"the {word} of body {name} goes with {parameter} in the equations only"
-                left = self.residual(**self.terms_of(trees)._asdict())
-                yield partial(_whole, f"{said}: not written"), left
+                yield partial(_whole, f"{said}: not written"), self.left(trees)
 
     def stale(self) -> Iterator[str]:
         """Yield a parameter that the equations do not read, and the constant in its place."""
@@ -453,10 +460,10 @@ class Search:
             def left(x: float, k: int = k, p: Floats = p) -> float:
                 p[:, k] = x
                 try:
-                    terms = self.terms_of([self.tree_of(row) for row in p])
+                    found = self.left([self.tree_of(row) for row in p])
                 except AflMujocoError:  # nothing is written there
                     return math.inf
-                return float(np.abs(self.residual(**terms._asdict())).max())
+                return float(np.abs(found).max())
 
             moved = p.copy()
             moved[:, k] = 1.01 * p[:, k] + 0.001
@@ -501,13 +508,10 @@ class Search:
         whole, gain = self.terms_of(light).bias, self.gain(light)
         for j in range(n):
             still = v * (np.arange(n) != j)
-            others = self.terms_of(light, still).bias
-            yield f"all velocity terms with {names[j]}_dot{who}", "bias", whole - others
-            yield (
-                f"mixed velocity terms with {names[j]}_dot{who}",
-                "bias",
-                (whole - others - alone[j] * v[:, [j]] ** 2),
-            )
+            every = whole - self.terms_of(light, still).bias
+            mixed = every - alone[j] * v[:, [j]] ** 2
+            yield f"all velocity terms with {names[j]}_dot{who}", "bias", every
+            yield f"mixed velocity terms with {names[j]}_dot{who}", "bias", mixed
         yield f"all velocity terms{who}", "bias", whole
         yield f"M' v{who}", "bias", gain
         yield f"1/2 v (dM/dq) v{who}", "bias", whole - gain
@@ -611,28 +615,10 @@ def _moved(body: int, point: Callable[[Tree, int], Floats], inertia: Floats, tre
     return found
 
 
-def _crossed(i: int, j: int, inertia: Floats, tree: Tree) -> Floats:
-    """Return an inertia whose products of two axes with the third are exchanged."""
-    order = [{i: j, j: i}.get(k, k) for k in range(3)]
+def _crossed(order: Sequence[int], inertia: Floats, tree: Tree) -> Floats:
+    """Return an inertia with the products of axes in another order."""
     moments = np.diag(np.diag(inertia))
     return moments + (inertia - moments)[np.ix_(order, order)]
-
-
-def _tensor(tree: Tree, body: int) -> Floats:
-    """Return the inertia of a body about its centre of mass along the axes of its frame, (3, 3)."""
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_quat(tree.body_iquat[body], scalar_first=True).as_matrix()
-    return np.asarray(turn * tree.body_inertia[body] @ turn.T)
-
-
-def _principal(inertia: Floats) -> tuple[Floats, Floats]:
-    """Return moments and the quaternion of their axes."""
-    from scipy.spatial.transform import Rotation
-
-    moments, turn = np.linalg.eigh(inertia)
-    turn[:, 0] *= np.linalg.det(turn)
-    return moments, np.asarray(Rotation.from_matrix(turn).as_quat(scalar_first=True))
 
 
 def _in_radians(quats: Floats, tree: Tree) -> Floats:

@@ -277,9 +277,11 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
     return replace(scenario, initial_state=tuple(start), imperfections=replace(r, seed=seed))
 
 
-def draws_of(scenario: Scenario, count: int | None = None) -> list[Scenario]:
-    """Return the draws of a scenario."""
-    wanted = (NOISE_DRAWS if scenario.imperfections.drawn else 1) if count is None else count
+def draws_of(
+    scenario: Scenario, count: int | None = None, *, random: int = NOISE_DRAWS
+) -> list[Scenario]:
+    """Return draws: `count`, by default one where nothing is random, else `random`."""
+    wanted = (random if scenario.imperfections.drawn else 1) if count is None else count
     return [draw_of(scenario, index) for index in range(wanted)]
 
 

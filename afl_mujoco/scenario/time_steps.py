@@ -28,7 +28,7 @@ def time_grid(scenario: Scenario, period: float) -> Floats:
     if period > scenario.duration:
         raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
     special = np.array([*scenario.breakpoints, scenario.duration])
-    _require_few("timestep", scenario.duration, period)
+    _require_few("duration", scenario.duration, "timestep", period)
     regular = period * np.arange(int(np.ceil(scenario.duration / period)) + 1)
     after = np.minimum(np.searchsorted(special, regular), len(special) - 1)
     before = np.maximum(after - 1, 0)
@@ -83,16 +83,16 @@ def _place(times: Floats, time: float) -> float:
     return min(float(nearest) if abs(place - nearest) <= SNAP else place, float(count))
 
 
-def _require_few(unit: str, length: float, step: float) -> None:
+def _require_few(thing: str, length: float, unit: str, step: float) -> None:
     if length / step > MOST_STEPS:
-        rule = f"must be at least {length / MOST_STEPS:g} s in a run of {length:g} s"
+        rule = f"must be at least {length / MOST_STEPS:g} s for a {thing} of {length:g} s"
         raise InvalidValueError(unit, f"{rule}: more steps would fill the memory", step)
 
 
 def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
     """Return how many steps [s] make up a length [s], or raise unless it is a whole number."""
     step, length = require_positive(unit, step), require_positive(thing, length)
-    _require_few(unit, length, step)
+    _require_few(thing, length, unit, step)
     count = round(length / step)
     if count < 1 or abs(count * step - length) > SNAP * step * max(count, 1):
         raise InvalidValueError(f"{unit} {step:g} s", f"must divide {thing} {length:g} s")
@@ -191,7 +191,7 @@ DEFAULT = Deployed()
 
 def step_times(duration: float, timestep: float) -> Floats:
     """Return the ends [s] of equal steps, the last one shortened to the horizon, shape (N + 1,)."""
-    _require_few("timestep", duration, timestep)
+    _require_few("duration", duration, "timestep", timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)
     times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     if abs(times[-1] - duration) > SNAP * timestep:

@@ -44,13 +44,13 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
     if plant.upright is None and not scenario.requirements.target:
         rule = "needs a plant that says where it is upright, or a target in [requirements]"
         raise InvalidValueError("controller 'lqr'", rule)
-    model = plant_model(plant, threading.get_ident())
-    m = model.mj_model
-    ends = m.actuator_ctrllimited * np.abs(m.actuator_ctrlrange).max(axis=1)
+    ends = np.abs(plant.limits).max(axis=1)
+    ends[np.isinf(ends)] = 0.0
     most = [
         asked.get(name, asked.get(f"{name}_command", end))
         for name, end in zip(plant.inputs, ends.tolist(), strict=True)
     ]
+    model = plant_model(plant, threading.get_ident())
 
     def rest(values: Floats) -> Rest:
         return rest_of(model, np.array(scenario.target), values)

@@ -234,8 +234,7 @@ def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
     """Run a controller on every draw of the scenarios with imperfections on top of theirs."""
     _, controller, scenarios, settings = unit
     on_top = [on_hardware(one, hardware) for one in scenarios]
-    seeds = [settings.seeds if one.imperfections.drawn else 1 for one in on_top]
-    drawn = [x for one, count in zip(on_top, seeds, strict=True) for x in draws_of(one, count)]
+    drawn = [x for one in on_top for x in draws_of(one, random=settings.seeds)]
     return tuple(run_all(controller, drawn, settings.deployed))
 
 
