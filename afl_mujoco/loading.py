@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import signal
 import sys
+import threading
+import time as clock
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +16,48 @@ from typing import Any
 
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
 
+LIMIT = 60.0  # how long an import, or a call of what is called again and again, may take [s]
+
+
+class Overrun(BaseException):
+    """Interrupts a call that takes too long; ``except Exception`` in the call does not catch it."""
+
+
+@contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Raise `Overrun` if the block takes longer: during the block where signals allow it."""
+    in_main = threading.current_thread() is threading.main_thread()
+    if not (in_main and hasattr(signal, "setitimer")):
+        start = clock.perf_counter()
+        yield
+        if clock.perf_counter() - start > seconds:
+            raise Overrun
+        return
+
+    rang = under_way = False
+
+    def ring(number: int, frame: object) -> None:
+        nonlocal rang
+        if under_way:
+            rang = True
+            raise Overrun
+
+    before = signal.signal(signal.SIGALRM, ring)
+    left, interval = signal.setitimer(signal.ITIMER_REAL, seconds)
+    start = clock.perf_counter()
+    try:
+        under_way = True
+        yield
+    finally:
+        under_way = False
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
+        if left > 0.0:  # restart an alarm that the program had set
+            remaining = max(left - (clock.perf_counter() - start), 1e-6)
+            signal.setitimer(signal.ITIMER_REAL, remaining, interval)
+    if rang:  # the user's function caught the exception that interrupted it
+        raise Overrun
+
 
 @contextmanager
 def told_of(thing: str, did: str = "raised", *, given: Any = None) -> Iterator[None]:
@@ -21,13 +66,16 @@ def told_of(thing: str, did: str = "raised", *, given: Any = None) -> Iterator[N
     given: The parameters by name that the code was given; a name that it lacks gets a hint.
     """
     try:
-        yield
+        with limited(LIMIT):
+            yield
     except AflMujocoError as error:  # it called the package wrongly
         frames = traceback.extract_tb(error.__traceback__)
         lines = [f":{frame.lineno}" for frame in frames if frame.filename == thing]
         raise error.within(f"{thing}{''.join(lines[-1:])}: ") from None
     except KeyboardInterrupt:
         raise
+    except Overrun:
+        raise InvalidValueError(thing, f"must be done within {LIMIT:g} s, but is not") from None
     except BaseException as error:
         rule = f"{did} {type(error).__name__}: {told(error)}"
         if given is not None and isinstance(error, AttributeError) and error.obj is given:

@@ -9,9 +9,6 @@ import hashlib
 import inspect
 import math
 import os
-import signal
-import threading
-import time as clock
 import types
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator
@@ -27,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import import_from
+from afl_mujoco.loading import LIMIT, Overrun, import_from, limited
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -192,7 +189,7 @@ Function = Callable[[float, Floats, CartPoleParameters], Any]
 """(time [s], state, assumed parameters of the plant) -> force [N]."""
 
 CALL_LIMIT = 1.0  # how long one call may take [s], unless `calls_limited_to` says otherwise
-FIRST_CALL_LIMIT = 60.0  # the same of the first call [s]: a library compiles, a network is loaded
+FIRST_CALL_LIMIT = LIMIT  # the same of the first call [s]: a library compiles, a network is loaded
 
 _limit: ContextVar[float] = ContextVar("call_limit", default=CALL_LIMIT)
 
@@ -214,10 +211,6 @@ def calls_limited_to(seconds: float | None) -> Iterator[None]:
 
 class ControllerError(AflMujocoError):
     """A Python controller that raised, took too long, or did not return a force."""
-
-
-class _Overrun(BaseException):
-    """Interrupts a call that takes too long; ``except Exception`` in the call does not catch it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -295,11 +288,11 @@ class PythonController(Controller):
             limit, kind = self.first_call_limit, " its first call"
         object.__setattr__(self, "called", True)
         try:
-            with _limited(limit):
+            with limited(limit):
                 value = self.function(float(time), np.array(state, dtype=np.float64), belief)
         except ControllerDomainError:
             return math.nan
-        except _Overrun:
+        except Overrun:
             if kind:
                 _hung.add(self._known_as)
             rule = f"must answer{kind} within {limit:g} s (--call-limit), but did not"
@@ -429,42 +422,6 @@ def require_controller_function(name: str, function: object) -> None:
     except TypeError as error:
         rule = f"must take (time, state, belief): {error}"
         raise InvalidValueError(f"controller {name!r}", rule) from None
-
-
-@contextlib.contextmanager
-def _limited(seconds: float) -> Iterator[None]:
-    """Raise `_Overrun` if the block takes longer: during the block where signals allow it."""
-    in_main = threading.current_thread() is threading.main_thread()
-    if not (in_main and hasattr(signal, "setitimer")):
-        start = clock.perf_counter()
-        yield
-        if clock.perf_counter() - start > seconds:
-            raise _Overrun
-        return
-
-    rang = under_way = False
-
-    def ring(number: int, frame: object) -> None:
-        nonlocal rang
-        if under_way:
-            rang = True
-            raise _Overrun
-
-    before = signal.signal(signal.SIGALRM, ring)
-    left, interval = signal.setitimer(signal.ITIMER_REAL, seconds)
-    start = clock.perf_counter()
-    try:
-        under_way = True
-        yield
-    finally:
-        under_way = False
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before or signal.SIG_DFL)
-        if left > 0.0:  # restart an alarm that the program had set
-            remaining = max(left - (clock.perf_counter() - start), 1e-6)
-            signal.setitimer(signal.ITIMER_REAL, remaining, interval)
-    if rang:  # the user's function caught the exception that interrupted it
-        raise _Overrun
 
 
 def _source_hash(function: object) -> str | None:

@@ -213,3 +213,18 @@ def test_a_file_that_changes_while_it_runs_is_refused_by_another_process(tmp_pat
     varied(tmp_path, ("length=p.length)", "length=0.9 * p.length)"))
     with pytest.raises(afl.AflMujocoError, match="must not change while it runs, but its file did"):
         pickle.loads(written)
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    ("def write(p):", "while True:\n    pass\n\n\ndef write(p):", "small.py must be done within"),
+    ("    return {", "    while True:\n        pass\n    return {", "write must be done within"),
+    ("write=write,", "write=write, accelerations=endless,", "accelerations must be done within"),
+], ids=["file", "write", "equations"])  # fmt: skip
+def test_code_that_never_ends_is_refused(old, new, said, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("afl_mujoco.loading.LIMIT", 0.2)
+    loop = (
+        "plant = afl",
+        "def endless(q, v, u, p):\n    while True:\n        pass\n\n\nplant = afl",
+    )
+    with pytest.raises(afl.AflMujocoError, match=said):
+        afl.check(small(tmp_path, (old, new), loop), samples=10)
