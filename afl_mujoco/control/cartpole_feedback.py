@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import (
     LINEAR,
@@ -24,10 +24,9 @@ from afl_mujoco.control.controller import (
 )
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.values import require_type
-
-Floats = NDArray[np.float64]
 
 GAIN_COUNT = 4
 

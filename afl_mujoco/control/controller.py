@@ -8,18 +8,16 @@ from contextlib import nullcontext
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
 from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force, sliding_and_drift
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario, Segment
-
-Floats = NDArray[np.float64]
 
 AFL, LINEAR, PARTIAL, AFFINE, CALLED = 0, 1, 2, 3, 4
 """Kinds of controller: the paper's control law (L1)-(L10); state feedback ``F = -k x``; state

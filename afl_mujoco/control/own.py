@@ -20,17 +20,15 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller, assumed_as_data
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.loading import LIMIT, Overrun, import_from, limited
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive, require_type
-
-Floats = NDArray[np.float64]
 
 ARGUMENTS = (0.0, np.zeros(4), None)  # as many arguments as a controller's function takes
 

@@ -10,14 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import AFFINE, Controller, force_from_inputs
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.scenario import Segment
-
-Floats = NDArray[np.float64]
 
 NODES = 16
 """Gains are computed at so many values within the bounds of a parameter that ramps, and

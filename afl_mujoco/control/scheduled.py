@@ -9,15 +9,14 @@ from functools import cache
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import CompiledController, PaperLaw, assumed_as_data
 from afl_mujoco.control.gains import Gains, beyond_table, shipped_data
 from afl_mujoco.control.law import afl_force
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-
-Floats = NDArray[np.float64]
 
 DAMPING = 0.2
 """Exponent by which the slope follows the table: of those tried, the one that most often has a

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.plant import Parameter, Plant, load_plant
+from afl_mujoco.plants.plant import Floats, Parameter, Plant, load_plant
 from afl_mujoco.scenario.belief import TRUTH, Belief, is_error
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse, channel_of, channels_of
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_within_stop
@@ -42,8 +41,6 @@ from afl_mujoco.values import (
     table_of,
     within,
 )
-
-Floats = NDArray[np.float64]
 
 SHORTEST = 1e-9
 """Least length of a part of a segment [s]: parameters may pass nodes at one time, but for

@@ -10,12 +10,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.values import instant, require_finite, require_positive, require_type
-
-Floats = NDArray[np.float64]
 
 _MANY = 256  # number of times above which it pays to check whether they increase
 

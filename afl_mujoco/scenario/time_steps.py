@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.disturbances import Impulse, channel_of, channels_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import PER_SECOND, require_positive
-
-Floats = NDArray[np.float64]
 
 MOST_STEPS = 10_000_000  # largest number of steps: more would fill the memory before the run ends
 SNAP = 1e-6  # share of a step under which a grid point and a breakpoint are one instant

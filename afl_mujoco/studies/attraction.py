@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
@@ -35,8 +36,6 @@ from afl_mujoco.studies.shared.contract import (
 from afl_mujoco.studies.shared.robustness import map_starts, require_runs
 from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.values import require_positive
-
-Floats = NDArray[np.float64]
 
 GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001  # number of starts along each axis, and the most
 WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",

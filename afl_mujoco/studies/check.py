@@ -9,18 +9,15 @@ from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import tyro
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count, told
 from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import Floats, Plant, load_plant
 from afl_mujoco.plants.suspects import Search
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
-
-Floats = NDArray[np.float64]
 
 PlantName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PLANT")]
 

@@ -10,12 +10,12 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
@@ -40,8 +40,6 @@ from afl_mujoco.studies.shared.search import (
     scan_levels,
 )
 from afl_mujoco.values import require_distinct
-
-Floats = NDArray[np.float64]
 
 Scenarios = tuple[Scenario, ...]
 Hardware = dict[str, Any]

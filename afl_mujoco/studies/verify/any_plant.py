@@ -8,9 +8,9 @@ from itertools import pairwise
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -30,8 +30,6 @@ from afl_mujoco.studies.verify.checks import one_step_difference
 from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
 from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check, judged
 from afl_mujoco.studies.verify.explanation import Growth, Judged, error_budget, moving
-
-Floats = NDArray[np.float64]
 
 EVERY = 0.25  # how long the ODE runs before it starts again from MuJoCo's state [s]
 FREE = 1.0  # length of a free motion [s]

@@ -9,11 +9,11 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.cartpole_equations import acceleration
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -21,8 +21,6 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
 from afl_mujoco.simulation.trajectory import Trajectory
-
-Floats = NDArray[np.float64]
 
 STEPS = (2e-3, 1e-3, 5e-4, 2.5e-4)  # steps of the closed-loop studies [s]
 SCHEDULE_STEPS = (4e-3, 2e-3, 1e-3, 5e-4)  # steps over which the schedule alone is held [s]
