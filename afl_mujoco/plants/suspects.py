@@ -13,21 +13,28 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.plants.equations import Equations, Points, split
-from afl_mujoco.plants.plant import Floats, Plant
-from afl_mujoco.plants.tree import Terms, Tree, terms_of
+from afl_mujoco.plants.differences import Difference
+from afl_mujoco.plants.plant import Floats
+from afl_mujoco.plants.tree import Tree
 
-Suspect = tuple[Callable[[float], str], Floats]
-"""Words for the share that explains the difference, empty for none; what all of it would leave."""
+Said = tuple[int, str]
+"""How odd a mistake is: 0 for what is missing, doubled or so, 1 for a fraction, 2 for an arbitrary
+number; and what it is, empty for none."""
+
+Suspect = tuple[str | Callable[[float], Said], Floats]
+"""Words for all of it, or a function of the share that explains the difference; what all of it
+would leave."""
 
 Part = tuple[str, str, Floats]
 """A term: its name, whether it is in mass, bias or inputs, and itself."""
 
+NOTHING: Said = 0, ""
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
 
@@ -52,64 +59,47 @@ SCALES = (2.0, 0.5, 1e3, 1e-3, 100.0, 0.01, 180.0 / math.pi, math.pi / 180.0, -1
 """Factors by which equations misread a parameter."""
 
 
-def _share(thing: str, c: float) -> str:
+def _share(thing: str, c: float) -> Said:
     """Return that the equations have ``1 + c`` times a thing, in words."""
     for nice, words in WORDS.items():
         if math.isclose(1.0 + c, nice, rel_tol=1e-5, abs_tol=1e-5):
-            return f"{thing} {words} the equations"
+            return 0, f"{thing} {words} the equations"
     for nice, words in FRACTIONS.items():
         if math.isclose(1.0 + c, nice, rel_tol=1e-5):
-            return f"{thing} is {words} of MuJoCo's in the equations"
+            return 1, f"{thing} is {words} of MuJoCo's in the equations"
     times = f"{1.0 + c:.6g}" if abs(c) > 1e-4 else f"1 {'-' if c < 0 else '+'} {abs(c):.2g}"
-    return f"{thing} is {times} times MuJoCo's in the equations"
+    return 2, f"{thing} is {times} times MuJoCo's in the equations"
 
 
-def _inertial(thing: str, c: float) -> str:
-    return _share(thing, c) if c > -1.0 - 1e-5 else ""
+def _inertial(thing: str, c: float) -> Said:
+    return _share(thing, c) if c > -1.0 - 1e-5 else NOTHING
 
 
-def _amount(thing: str, has: Floats, c: float) -> str:
+def _amount(thing: str, has: Floats, c: float) -> Said:
     if np.ptp(has) > 0.0:  # a parameter
-        return f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
+        return 2, f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
     here = round(has[0] + c, 9) + 0.0  # no -0
     if here < 0.0 and thing.startswith("armature"):
-        return ""
-    return f"{thing} is {here:.6g} in the equations and {has[0]:g} in MuJoCo"
+        return NOTHING
+    return 2 * (here != 0.0), f"{thing} is {here:.6g} in the equations and {has[0]:g} in MuJoCo"
 
 
-def _drag(name: str, other: str, c: float) -> str:
-    return f"the equation of {name} has {c:+.6g} {other}_dot more: a relative rate in its damping"
+def _drag(name: str, other: str, c: float) -> Said:
+    return (
+        2,
+        f"the equation of {name} has {c:+.6g} {other}_dot more: a relative rate in its damping",
+    )
 
 
-def _about(body: str, c: float) -> str:
+def _about(body: str, c: float) -> Said:
     if abs(abs(c) - 1.0) > 1e-5:
-        return ""
+        return NOTHING
     sign = "+" if c > 0 else "-"
-    return f"inertia about another point: the equations have I {sign} m r^2 of body {body}"
+    return 0, f"inertia about another point: the equations have I {sign} m r^2 of body {body}"
 
 
-def _whole(words: str, c: float) -> str:
-    return words if abs(c - 1.0) < 1e-5 else ""
-
-
-class Search:
+class Search(Difference):
     """One search through all suspects, at points where equations and tree differ."""
-
-    def __init__(
-        self,
-        plant: Plant,
-        equations: Equations,
-        tree_of: Callable[[Floats], Tree],
-        bodies: Sequence[str],
-        points: Points,
-    ) -> None:
-        self.plant, self.equations, self.tree_of, self.points = plant, equations, tree_of, points
-        self.bodies = [*enumerate(bodies)][1:]
-        self.trees = [tree_of(p) for p in points.p]
-        self.theirs = equations.at(points, gaps=True)
-        self.terms = self.terms_of(self.trees)
-        self.scales = self.sizes()
-        self.start = self.residual()
 
     def first(self) -> str:
         """Return the mistakes that explain the difference, in words; empty if none does.
@@ -119,22 +109,23 @@ class Search:
         if not np.isfinite(self.start).all():
             return ""
         with np.errstate(all="ignore"):
-            found = sorted(dict.fromkeys(self.bodily()), key=_oddness)
+            odd = sorted(self.bodily(), key=itemgetter(0))
+            found = list(dict.fromkeys(said for _, said in odd))
             varies = np.ptp(self.points.p, axis=0).any()
             if not (found and varies):
                 more = itertools.islice(self.further(), 1 if varies else ALIKE)
-                found = list(dict.fromkeys([*found, *more]))
+                found = list(dict.fromkeys([*found, *(said for _, said in more)]))
         if len(found) > ALIKE:  # what explains it by one of the two, and by both
             found = [said for said in found if not said.startswith("the mass with")]
         hint = " (parameters that vary would tell)" * (len(found) > 1)
         return ", or ".join(found[:ALIKE]) + hint
 
-    def bodily(self) -> Iterator[str]:
+    def bodily(self) -> Iterator[Said]:
         """Yield what explains the difference by other numbers of the tree."""
         if np.abs(self.start).max() < 1e-5 and np.all(
             self.theirs.astype(np.float32) == self.theirs
         ):
-            yield "the equations are in single precision"
+            yield 0, "the equations are in single precision"
             return
         families = [*self.families()]
         for say, left in itertools.chain(*families):
@@ -144,7 +135,7 @@ class Search:
         for say, left in itertools.chain(self.lengths(), self.exchanged(), self.frames()):
             yield from _explained(say, self.start, left)
 
-    def further(self) -> Iterator[str]:
+    def further(self) -> Iterator[Said]:
         """Yield what else explains the difference, the most usual first."""
         families = (self.parameters(), self.angles(), self.joints(), self.unwritten())
         for say, left in itertools.chain(*families):
@@ -157,86 +148,6 @@ class Search:
             yield from _explained(say, self.start, left)
         if not self.plant.terms:
             yield from self.single_accelerations()
-
-    # What is compared: M, h and B, or, of accelerations, the force that is left over
-
-    def terms_of(
-        self, trees: Sequence[Tree], v: Floats | None = None, q: Floats | None = None
-    ) -> Terms:
-        """Return the terms of trees at the points, stacked."""
-        rates = self.points.v if v is None else v
-        places = self.points.q if q is None else q
-        found = [terms_of(*one) for one in zip(trees, places, rates, strict=True)]
-        return Terms(*map(np.array, zip(*found, strict=True)))
-
-    def sizes(self) -> Floats:
-        """Return the size of M, h and B at each point, (K, 3); of accelerations of the forces."""
-        m, h, b, _ = self.terms
-        if self.plant.terms:
-            parts = split(self.plant, self.theirs)
-        else:
-            parts = (m @ self.theirs[..., None], h, b @ self.points.u[..., None])
-        found = np.array([np.abs(x).reshape(len(x), -1).max(axis=1, initial=0.0) for x in parts]).T
-        if not self.plant.terms:
-            found[:] = found.max(axis=1, keepdims=True)
-        return np.where(found > 0.0, found, 1.0)
-
-    def residual(self, answers: Floats | None = None, **changed: Floats) -> Floats:
-        """Return equations minus tree, scaled, one row a point; affine in M, h and B."""
-        theirs = self.theirs if answers is None else answers
-        m, h, b, _ = self.terms._replace(**changed)
-        if self.plant.terms:
-            gaps = [x - y for x, y in zip(split(self.plant, theirs), (m, h, b), strict=True)]
-            rows = [x.reshape(len(x), -1) / self.scales[:, i, None] for i, x in enumerate(gaps)]
-            return np.hstack(rows)
-        pushed = m @ theirs[..., None] - b @ self.points.u[..., None]
-        found: Floats = (pushed[..., 0] + h) / self.scales[:, :1]
-        return found
-
-    def edited(self, index: Any, **change: Callable[..., Any]) -> Floats:
-        """Return what is left if some of each field were what functions of it and a tree return."""
-        trees = []
-        for tree in self.trees:
-            fields = {name: getattr(tree, name).copy() for name in change}
-            for name, function in change.items():
-                fields[name][index] = function(fields[name][index], tree)
-            trees.append(tree._replace(**fields))
-        return self.left(trees)
-
-    def left(self, trees: Sequence[Tree]) -> Floats:
-        """Return what is left if the trees were others."""
-        return self.residual(**self.terms_of(trees)._asdict())
-
-    def inertia(self, body: int, change: Callable[[Floats, Tree], Floats]) -> Floats:
-        """Return what is left with another inertia of a body, (3, 3) along the body's axes."""
-        from scipy.spatial.transform import Rotation
-
-        trees = []
-        for tree in self.trees:
-            inertias, quats = tree.body_inertia.copy(), tree.body_iquat.copy()
-            turn = Rotation.from_quat(quats[body], scalar_first=True).as_matrix()
-            moments, axes = np.linalg.eigh(change(turn * inertias[body] @ turn.T, tree))
-            axes[:, 0] *= np.linalg.det(axes)
-            inertias[body] = moments
-            quats[body] = Rotation.from_matrix(axes).as_quat(scalar_first=True)
-            trees.append(tree._replace(body_inertia=inertias, body_iquat=quats))
-        return self.left(trees)
-
-    def given(self, **changed: Floats) -> Floats:
-        """Return what is left if the equations were given other things."""
-        return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
-
-    def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Floats:
-        """Return what is left if the equations were of `turn` times MuJoCo's coordinates."""
-        q, v = self.points.q @ turn.T, self.points.v @ turn.T
-        found = self.equations.at(self.points._replace(q=q, v=v), gaps=True)
-        if not self.plant.terms:
-            return self.residual(np.linalg.solve(turn, found.T).T.astype(np.float64))
-        m, h, b = split(self.plant, found)
-        damping = np.array([tree.dof_damping for tree in self.trees]) * ("damping" in ours)
-        h = (h - damping * v) @ turn + damping * self.points.v
-        parts = (turn.T @ m @ turn, h, b if "inputs" in ours else turn.T @ b)
-        return self.residual(np.hstack([x.reshape(len(x), -1) for x in parts]))
 
     @cached_property
     def rows(self) -> list[Part]:
@@ -287,7 +198,7 @@ class Search:
                 self.residual(bias=bias + np.outer(v[:, j], np.eye(len(names))[i])))
                for i, j in itertools.permutations(range(len(names)), 2)]  # fmt: skip
 
-    def together(self, family: Sequence[Suspect]) -> Iterator[str]:
+    def together(self, family: Sequence[Suspect]) -> Iterator[Said]:
         """Yield the same mistake at several places."""
         steps = np.array([(left - self.start).ravel() for _, left in family]).T
         if steps.size == 0 or len(family) < 2:
@@ -295,9 +206,9 @@ class Search:
         c = -np.linalg.lstsq(steps, self.start.ravel(), rcond=1e-9)[0]
         if _is_left(self.start, self.start.ravel() + steps @ c):
             return
-        said = [say(x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
-        if said and all(said):
-            yield "; ".join(said)
+        said = [_said(say, x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
+        if said and all(words for _, words in said):
+            yield max(odd for odd, _ in said), "; ".join(words for _, words in said)
 
     def lengths(self) -> Iterator[Suspect]:
         """Yield changed places of bodies and of their centres of mass."""
@@ -308,8 +219,8 @@ class Search:
                 places["length"] = {"body_ipos": by, "body_inertia": square}
             for word, change in places.items():
                 hint = " (l for 2 l?)" if factor > 0.0 else ""
-                said = _share(f"the {word} of body {name}", factor - 1.0)
-                yield partial(_whole, said + hint), self.edited(b, **change)
+                _, said = _share(f"the {word} of body {name}", factor - 1.0)
+                yield said + hint, self.edited(b, **change)
 
     def frames(self) -> Iterator[Suspect]:
         """Yield other orientations of bodies, and single components of their places."""
@@ -319,27 +230,27 @@ class Search:
                 for i, j, order in _exchanges(3):
                     said = f"{'xyz'[i]} and {'xyz'[j]} of {thing} are exchanged in the equations"
                     left = self.edited(b, **{field: lambda x, tree, order=order: x[order]})
-                    yield partial(_whole, said), left
+                    yield said, left
                 used = np.flatnonzero(getattr(self.trees[0], field)[b])
                 single = used if len(used) > 1 else used[:0]  # one alone is the whole
                 for i, factor in itertools.product(single, (-1.0, 0.0, 2.0, 0.5)):
                     scale = np.where(np.arange(3) == i, factor, 1.0)
-                    said = _share(f"{'xyz'[i]} of {thing}", factor - 1.0)
-                    yield partial(_whole, said), self.edited(b, **{field: partial(_times, scale)})
+                    _, said = _share(f"{'xyz'[i]} of {thing}", factor - 1.0)
+                    yield said, self.edited(b, **{field: partial(_times, scale)})
             for factor, word in ((-1.0, "have the other sign"), (0.0, "are missing")):
                 said = f"the products of inertia of body {name} {word} in the equations"
                 scale = np.where(np.eye(3) > 0.0, 1.0, factor)
-                yield partial(_whole, said), self.inertia(b, partial(_times, scale))
+                yield said, self.inertia(b, partial(_times, scale))
             said = f"two products of inertia of body {name} are exchanged in the equations"
             for _, _, order in _exchanges(3):
-                yield partial(_whole, said), self.inertia(b, partial(_crossed, order))
+                yield said, self.inertia(b, partial(_crossed, order))
             for field, word in (("body_quat", "frame"), ("body_iquat", "inertia")):
                 back = np.array([1.0, -1.0, -1.0, -1.0])
                 upright = self.edited(b, **{field: lambda x, tree: np.eye(4)[0]})
                 said = f"the orientation of the {word} of body {name} is"
-                yield partial(_whole, f"{said} missing in the equations"), upright
+                yield f"{said} missing in the equations", upright
                 turned = self.edited(b, **{field: partial(_times, back)})
-                yield partial(_whole, f"{said} turned back in the equations"), turned
+                yield f"{said} turned back in the equations", turned
 
     def joints(self) -> Iterator[Suspect]:
         """Yield other axes, anchors and references of joints, and exchanged rates."""
@@ -347,21 +258,21 @@ class Search:
             for axis in np.vstack([np.eye(3), -np.eye(3)]):
                 said = f"the axis of {name} is {axis.astype(int).tolist()} in the equations"
                 left = self.edited(j, jnt_axis=lambda x, tree, axis=axis: axis)
-                yield partial(_whole, said), left
+                yield said, left
             said = f"the anchor of {name} is missing in the equations"
-            yield partial(_whole, said), self.edited(j, jnt_pos=partial(_times, 0.0))
+            yield said, self.edited(j, jnt_pos=partial(_times, 0.0))
             for factor, word in ((0.0, "is missing"), (-1.0, "has the other sign")):
                 said = f"the ref of {name} {word} in the equations"
-                yield partial(_whole, said), self.edited(j, ref=partial(_times, factor))
+                yield said, self.edited(j, ref=partial(_times, factor))
         said = 'angles of the MJCF are in degrees, for want of <compiler angle="radian"/>'
         hinges = np.where(self.trees[0].slides > 0, 1.0, 180.0 / math.pi)
         turns = dict.fromkeys(("body_quat", "body_iquat", "site_quat"), _in_radians)
         angles = dict.fromkeys(("ref", "springref"), partial(_times, hinges))
-        yield partial(_whole, said), self.edited(..., **turns, **angles)
+        yield said, self.edited(..., **turns, **angles)
         names = self.plant.coordinates
         for j, k, order in _exchanges(len(names)):
             said = f"the rates of {names[j]} and {names[k]} are exchanged in the equations"
-            yield partial(_whole, said), self.given(v=np.ascontiguousarray(self.points.v[:, order]))
+            yield said, self.given(v=np.ascontiguousarray(self.points.v[:, order]))
 
     def parameters(self) -> Iterator[Suspect]:
         """Yield parameters in other units, and exchanged ones."""
@@ -369,17 +280,17 @@ class Search:
         for (k, name), factor in itertools.product(enumerate(names), SCALES):
             said = f"the equations are right with {factor:.6g} {name} (unit, or l for 2 l?)"
             scale = np.where(np.arange(len(names)) == k, factor, 1.0)
-            yield partial(_whole, f"parameter {name}: {said}"), self.given(p=p * scale)
+            yield f"parameter {name}: {said}", self.given(p=p * scale)
         for j, k, order in _exchanges(len(names)):
             said = f"parameters {names[j]} and {names[k]} are exchanged in the equations"
-            yield partial(_whole, said), self.given(p=np.ascontiguousarray(p[:, order]))
+            yield said, self.given(p=np.ascontiguousarray(p[:, order]))
 
     def exchanged(self) -> Iterator[Suspect]:
         """Yield pairs of inputs."""
         inputs = self.plant.inputs
         for j, k, order in _exchanges(len(inputs)):
             said = f"inputs {inputs[j]} and {inputs[k]} are exchanged in the equations"
-            yield partial(_whole, said), self.residual(inputs=self.terms.inputs[..., order])
+            yield said, self.residual(inputs=self.terms.inputs[..., order])
 
     def angles(self) -> Iterator[Suspect]:
         """Yield coordinates measured in another way."""
@@ -389,7 +300,7 @@ class Search:
             said = f"{_all([names[i] for i in some])} the other sign in the equations"
             flip = own.copy()
             flip[some, some] = -1.0
-            yield partial(_whole, said), self.turned(flip, ours)
+            yield said, self.turned(flip, ours)
         for words, turn in self.turns():
             places, rates = q @ turn.T, v @ turn.T
             tried = [("", self.turned(turn, ours)) for ours in self.kept()]
@@ -397,7 +308,7 @@ class Search:
             tried.append((", not its rate", self.given(q=places)))
             tried.append((", of rates only", self.given(v=rates)))
             for part, left in tried:
-                yield partial(_whole, f"{words} of MuJoCo{part}: relative or absolute"), left
+                yield f"{words} of MuJoCo{part}: relative or absolute", left
         for i, name in enumerate(names):
             if not self.trees[0].slides[i]:
                 yield from self.angle(own[i], name)
@@ -431,12 +342,12 @@ class Search:
         for factor in (180.0 / math.pi, math.pi / 180.0):
             scale = np.where(own > 0.0, factor, 1.0)
             said = f"{name} is in degrees in the equations"
-            yield partial(_whole, said), self.given(q=q * scale)
+            yield said, self.given(q=q * scale)
             said = f"{name} and its rate are in degrees in the equations"
-            yield partial(_whole, said), self.given(q=q * scale, v=v * scale)
+            yield said, self.given(q=q * scale, v=v * scale)
         for quarters in (2, 1, -1):
             said = f"{name} is measured from {90 * quarters} degrees further in the equations"
-            yield partial(_whole, said), self.given(q=q + quarters * math.pi / 2.0 * own)
+            yield said, self.given(q=q + quarters * math.pi / 2.0 * own)
 
     def unwritten(self) -> Iterator[Suspect]:
         """Yield what goes with a parameter in the equations, and is not written."""
@@ -450,9 +361,9 @@ class Search:
                     for own in (_only(getattr(tree, field), b),)
                 ]
                 said = f"the {word} of body {name} goes with {parameter} in the equations only"
-                yield partial(_whole, f"{said}: not written"), self.left(trees)
+                yield f"{said}: not written", self.left(trees)
 
-    def stale(self) -> Iterator[str]:
+    def stale(self) -> Iterator[Said]:
         """Yield a parameter that the equations do not read, and the constant in its place."""
         for k, (name, one) in enumerate(self.plant.parameters.items()):
             p = self.points.p.copy()
@@ -472,7 +383,10 @@ class Search:
                 low, high = float(one.low or 0.0), float(one.high or 0.0)
                 value = min((one.value, _least(left, low, high)), key=left)
                 if left(value) <= 1e-4 * np.abs(self.start).max():
-                    yield f"stale constant: the equations have {name} = {value:.6g} whatever it is"
+                    yield (
+                        0,
+                        f"stale constant: the equations have {name} = {value:.6g} whatever it is",
+                    )
 
     def parts(self) -> Iterator[Part]:
         """Yield the terms of the trees: whole, and of each body."""
@@ -545,9 +459,9 @@ class Search:
             p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
             for power, words in powers.items():
                 said = f"{name} {words.format(parameter)} the equations"
-                yield partial(_whole, said), self.added(field, (p**power - 1.0) * term)
+                yield said, self.added(field, (p**power - 1.0) * term)
 
-    def single_accelerations(self) -> Iterator[str]:
+    def single_accelerations(self) -> Iterator[Said]:
         """Yield one term of one acceleration, the others being right."""
         m, h, b, _ = self.terms
         u = self.points.u[..., None]
@@ -559,7 +473,7 @@ class Search:
             yield from _explained(partial(_share, "every acceleration"), wrong, wrong - right)
             shares = self.theirs / right
             if np.all(np.ptp(shares, axis=1) <= EXPLAINED * np.abs(shares - 1.0).max(axis=1)):
-                yield "all accelerations have one factor, which is not 1: the determinant"
+                yield 0, "all accelerations have one factor, which is not 1: the determinant"
             return
         i = int(bad[0])
         name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]
@@ -573,22 +487,21 @@ class Search:
                 yield from _explained(say, start, start + piece)
 
 
-def _explained(say: Callable[[float], str], start: Floats, left: Floats) -> Iterator[str]:
+def _explained(say: str | Callable[[float], Said], start: Floats, left: Floats) -> Iterator[Said]:
     """Yield the words for the share of a change with which nothing is left, if there is one."""
     step = left - start
     square = float(np.sum(step * step))
     if square > 0.0 and np.isfinite(square):
         c = -float(np.sum(start * step)) / square
-        if not _is_left(start, start + c * step) and (said := say(c)):
+        if not _is_left(start, start + c * step) and (said := _said(say, c))[1]:
             yield said
 
 
-def _oddness(said: str) -> int:
-    """Return 2 for words with an arbitrary number, 1 for a fraction, 0 for what is missing."""
-    amount = " in the equations and " in said and " is 0 in" not in said
-    if amount or any(word in said for word in (" times ", " more in ", " less in ", "_dot more")):
-        return 2
-    return int(" of MuJoCo's" in said)
+def _said(say: str | Callable[[float], Said], c: float) -> Said:
+    """Return what a share of a suspect is called; of one in plain words all of it, or nothing."""
+    if isinstance(say, str):
+        return (0, say) if abs(c - 1.0) < 1e-5 else NOTHING
+    return say(c)
 
 
 def _is_left(start: Floats, left: Floats) -> bool:
