@@ -80,12 +80,9 @@ class Replay:
         ]
 
     def limits(self, name: str) -> list[float]:
-        """Return the limits of a coordinate or an input on both sides, and its end stops."""
-        asked, stop = self.plan.requirements, self.plan.imperfections.end_stops.get(name)
-        targets = dict(zip(self.plan.plant.coordinates, self.plan.target, strict=True))
-        most, about = asked.max.get(name), targets.get(name, 0.0)
-        found = [] if most is None else [about - most, about + most]
-        return found + ([] if stop is None else [-stop, stop])
+        """Return the limits that are required of a coordinate or an input, and its end stops."""
+        stop = self.plan.imperfections.end_stops.get(name)
+        return self.plan.required_of(name) + ([] if stop is None else [-stop, stop])
 
     def ended(self, index: int) -> str:
         """Say which runs have ended before a frame, and how; empty if none has."""

@@ -129,7 +129,7 @@ Curves = Mapping[str, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Panel:
-    """Curves over time, pale ones behind them; limits and a band lie on both sides of `about`."""
+    """Curves over time, pale ones behind them, limits, and a band on both sides of `about`."""
 
     label: str
     curves: Curves
@@ -166,7 +166,7 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
     if panel.band is not None:
         ends = (panel.about - panel.band, panel.about + panel.band)
         axis.axhspan(*ends, color=GREY, alpha=0.18, linewidth=0.0)
-    for limit in (panel.about + sign * x for x in panel.limits for sign in (-1.0, 1.0)):
+    for limit in panel.limits:
         axis.axhline(limit, color=BLACK, linewidth=0.9, linestyle=_DASHED)
     how = lines(panel.curves)
     order = quietest_on_top({name: values for name, (_, values) in panel.curves.items()})
@@ -181,5 +181,5 @@ def _draw_panel(axis: Axes, panel: Panel, shades: Mapping[str, str], duration: f
             axis.plot(time[-1], values[-1], "x", color=style["color"], markersize=8)
     for name, (time, values) in panel.pale.items():
         axis.plot(time, values, color=shades[name], linewidth=0.6, alpha=0.4, zorder=1.0)
-    if panel.black:
+    if panel.black and all(np.min(values) >= 0.0 for _, values in panel.curves.values()):
         axis.set_ylim(bottom=0.0)

@@ -344,6 +344,18 @@ class Scenario:
         ordered = {name: limits.get(name) for name in asked_of(self.plant)}
         return {name: limit for name, limit in ordered.items() if limit is not None}
 
+    def about(self, name: str) -> float:
+        """Return from where `max` of a state, an input, a command or a signal is measured."""
+        of_coordinates = dict(zip(self.plant.coordinates, self.target, strict=True))
+        return float(of_coordinates.get(name, self.requirements.target.get(name, 0.0)))
+
+    def required_of(self, name: str) -> list[float]:
+        """Return the values that one of these must not pass, by `max` and by `min`."""
+        about, least = self.about(name), self.requirements.min.get(name)
+        most = self.requirements.max.get(name)
+        both = [] if most is None else [about - most, about + most]
+        return both if least is None else [*both, float(least)]
+
     def unit_of(self, requirement: str) -> str:
         """Return the unit of a requirement; "" of end stops in different units."""
         if requirement != "end_stops":

@@ -228,7 +228,7 @@ def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Tr
     """
     m, d, plant = model.mj_model, mujoco.MjData(model.mj_model), scenario.plant
     mujoco.mj_kinematics(m, d)
-    asked, stops, geoms = scenario.requirements, scenario.imperfections.end_stops, drawn_geoms(m)
+    stops, geoms = scenario.imperfections.end_stops, drawn_geoms(m)
     found = []
     for k, name in enumerate(plant.coordinates):
         body = int(m.jnt_bodyid[k])
@@ -244,10 +244,8 @@ def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Tr
         if is_rail:
             at += float((around @ across).min()) * across
         at -= m.qpos0[m.jnt_qposadr[k]] * along  # the model's own pose need not be at 0
-        stop, most, target = stops.get(name), asked.max.get(name), scenario.target[k]
-        places = [] if stop is None else [("end stop", -stop), ("end stop", stop)]
-        places += [] if most is None else [("limit", target - most), ("limit", target + most)]
-        places += [("limit", asked.min[name])] if name in asked.min else []
+        places = [("end stop", side * stops[name]) for side in (-1.0, 1.0) if name in stops]
+        places += [("limit", limit) for limit in scenario.required_of(name)]
         found.append(Track(k, at, along, across, is_rail, places))
     return found
 

@@ -424,23 +424,25 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
         return Panel(
             label=labelled(name, plant.units.get(name, "")),
             curves={one: (runs[one].time, x) for one, x in values.items()},
-            limits=[asked.max[x] for x in (name, f"{name}_command") if x in asked.max],
+            limits=[*scenario.required_of(name), *scenario.required_of(f"{name}_command")],
             **more,
         )
 
     panels = []
-    for k, name in enumerate(plant.coordinates):
+    for k, name in enumerate(plant.states):
         states = {one: run.state[:, k] for one, run in runs.items()}
-        band = scenario.band(name) if rests else None
-        panels.append(panel(name, states, about=scenario.target[k], band=band))
+        if name in plant.coordinates:
+            band = scenario.band(name) if rests else None
+            panels.append(panel(name, states, about=scenario.about(name), band=band))
+        elif scenario.required_of(name):
+            panels.append(panel(name, states))
     for k, name in enumerate(plant.inputs):
         force = {one: run.of(k, run.force) for one, run in runs.items()}
         pale = {one: (run.time, command) for one, run in runs.items()
                 if not np.array_equal(command := run.of(k, run.command), force[one])}  # fmt: skip
         panels.append(panel(name, force, pale=pale))
-    for name in [one for one in plant.signals if one in {**asked.max, **asked.min}]:
-        signal = {one: run.signals[name] for one, run in runs.items()}
-        panels.append(panel(name, signal, about=asked.target.get(name, 0.0)))
+    for name in filter(scenario.required_of, plant.signals):
+        panels.append(panel(name, {one: run.signals[name] for one, run in runs.items()}))
     changing = [name for name, (low, high) in scenario.spans.items() if low < high]
     shown = scheduled(plant) if scenario.is_cart_pole else changing
     if shown:

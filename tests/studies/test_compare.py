@@ -108,7 +108,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> Non
         "compare", "rig.toml", "--controllers", "lqr", "compared:Counting", "compared:zero",
         "compared:late", "--draws", "1", "--out", "out",
     )  # fmt: skip
-    assert (code, errors) == (1, "")
+    assert code == 1, errors  # which show progress, where the machine is busy
     names = ("lqr", "compared.Counting", "compared.zero", "compared.late")
     met = (3, 3, 0, 0)
     said = " · ".join(f"{name} {count} of 3" for name, count in zip(names, met, strict=True))
@@ -211,3 +211,23 @@ def test_a_controller_that_fails_meets_nothing_and_is_a_row_and_not_the_end() ->
     lqr, adaptive = afl.compare(heavy, ["lqr", "adaptive"]).rows
     assert not lqr.message
     assert adaptive.message.startswith("switching of the gain function at M = 105 kg")
+
+
+def test_the_figure_draws_every_limit_where_it_is_judged() -> None:
+    """Of coordinates about their target, of rates that are limited, of commands, `min` as it is."""
+    upper = {"z": 0.5, "phi_dot": 4.0, "force": 90.0, "force_command": 100.0}
+    asked = afl.Requirements(target={"z": 0.25}, max=upper, min={"phi": -0.7})
+    scenario = afl.Scenario(name="s", duration=0.2, initial_state={"phi": 0.1}, requirements=asked)
+    figure = compare(scenario, ["lqr"]).plot()
+    drawn = {
+        axis.get_ylabel().split()[0]: sorted(
+            line.get_ydata()[0] for line in axis.lines if line.get_linestyle() == "--"
+        )
+        for axis in figure.axes[:-1]
+    }
+    assert drawn == {
+        "z": [-0.25, 0.75],
+        "φ": [-0.7],
+        "φ′": [-4.0, 4.0],
+        "force": [-100, -90, 90, 100],
+    }
