@@ -22,7 +22,7 @@ def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedPro
 
 
 def without_progress(said: str) -> str:
-    return re.sub(r"^[^:\n]+: \d+ of \d+\n", "", said, flags=re.MULTILINE)
+    return re.sub(r"^.+: \d+ of \d+\n", "", said, flags=re.MULTILINE)
 
 
 def interrupt(*arguments: str, cwd: Path, once: Callable[[], object], after: float = 0.0) -> None:
