@@ -297,8 +297,7 @@ def _require_started(scenario: Scenario, space: SampleSpace | None, noise: float
         if plant.units[name] == "rad" and name in scenario.ends_at:
             ends = (start, start) if space is None else space.varied.get(name, (start, start))
             if max(abs(x - target) for x in ends) + noise >= scenario.ends_at[name]:
-                what = "the pole" if scenario.is_cart_pole else name
-                rule = f"must not let {what} start fallen"
+                rule = f"must not let {name} start fallen"
                 raise InvalidValueError("initial_noise", rule, noise)
 
 

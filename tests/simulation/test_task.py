@@ -238,7 +238,7 @@ def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
     ({"timestep": -1.0}, "timestep must be positive, got -1"),
     ({"integrator": "RK5"}, "integrator must be one of RK4"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
-    ({"initial_noise": 0.6}, "initial_noise must not let the pole start fallen, got 0.6"),
+    ({"initial_noise": 0.6}, "initial_noise must not let phi start fallen, got 0.6"),
     ({"parameters": "seen"}, "parameters must be one of observed, hidden, privileged"),
     ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
     ({"random": "seed"}, "random must be a seed"), ({"random": -1}, "random must be a seed"),

@@ -129,6 +129,8 @@ CASES = {
             "control_period must be within the duration 20 s (in seconds, not Hz), got 40.0",
         ),
         (["--controllers", "integrating:Force"], "is stateful, which this comparison does not"),
+        (["flat.toml"], "scenario 'flat': initial_state must not be where a run ends"),
+        (["down.toml"], "initial_state must be one at which fixed has an input"),
     ],
     "check": [
         (["--samples", "0"], "samples must be at least 1, got 0"),
@@ -208,6 +210,8 @@ def test_an_option_that_breaks_its_rule(refuses, tmp_path, name, arguments, mess
     (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
     (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
     (tmp_path / "slow.toml").write_text("[imperfections]\ncontrol_period = 0.0015\n")
+    for stem, start in {"flat": "1.57 }", "down": "3.1 }\n[requirements]\nends_at = {}"}.items():
+        (tmp_path / f"{stem}.toml").write_text(f"initial_state = {{ phi = {start}\n")
     (tmp_path / "rig.toml").write_text(
         'name = "rig"\nperiod = 0.02\n[nominal]\npole_mass = 0.1\nhalf_length = 0.2\n'
         "cart_mass = 0.5\nforce = 5.0\n"

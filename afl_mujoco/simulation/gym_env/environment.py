@@ -178,8 +178,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
         low = np.where(never_negative[: len(high)], 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        limits = self.scenario.plant.limits if scenario.is_cart_pole else self.scenario.limits
-        self.low, self.high = np.clip(limits, -float(force_limit), float(force_limit)).T
+        self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.parameters, self.randomize = parameters, randomize
         if camera is None:

@@ -59,6 +59,7 @@ def require_runs(
     from afl_mujoco.scenario.time_steps import ticks_of
     from afl_mujoco.simulation.bound_controllers import bound
     from afl_mujoco.simulation.mujoco_model import require_integrator
+    from afl_mujoco.simulation.trajectory import controller_inputs
 
     given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)
     hint = "; set __name__ on one of them" if given else ""
@@ -68,7 +69,8 @@ def require_runs(
     for scenario in scenarios:
         ticks_of(scenario, deployed.timestep, deployed.control_period)
         for controller in controllers:
-            bound(controller, scenario)  # raises where it is of another plant
+            own = bound(controller, scenario)  # raises where it is of another plant
+            controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))  # or a gain
 
 
 # --- imperfections at a level -------------------------------------------------------------------

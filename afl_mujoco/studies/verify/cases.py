@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,7 +18,12 @@ from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-from afl_mujoco.simulation.trajectory import Trajectory, controller_inputs
+from afl_mujoco.simulation.trajectory import (
+    Trajectory,
+    controller_inputs,
+    criterion_of,
+    has_ended,
+)
 from afl_mujoco.values import require_distinct
 
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
@@ -99,11 +103,17 @@ def require_runnable(
     for scenario in scenarios:
         ticks_of(scenario.ideal, settings.timestep, settings.control_period)
         ticks_of(scenario)
-        tilt = scenario.initial_state[1] if scenario.is_cart_pole else 0.0
-        if abs(tilt) >= 0.5 * math.pi:
-            rule = "must lie inside (-pi/2, pi/2): a pole that has fallen leaves nothing to compare"
-            raise InvalidValueError(f"scenario {scenario.name!r}: initial phi", rule, f"{tilt} rad")
+        start, place = (
+            np.array(scenario.initial_state),
+            f"scenario {scenario.name!r}: initial_state",
+        )
+        told = scenario.told_values(np.zeros(1))[0]
+        if has_ended(criterion_of(scenario), start):
+            rule = "must not be where a run ends: that leaves nothing to compare"
+            raise InvalidValueError(place, rule)
         for controller in controllers:
             require_stateless(controller, "this comparison")
             own = bound(controller, scenario)
             controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))
+            if not np.isfinite(own.start().command(0.0, start, own.assumed_values(told))).all():
+                raise InvalidValueError(place, f"must be one at which {own.name} has an input")

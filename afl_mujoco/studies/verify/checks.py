@@ -25,6 +25,7 @@ from afl_mujoco.plants.cartpole_equations import (
     velocity_jump,
 )
 from afl_mujoco.plants.library import write_row
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
@@ -37,7 +38,6 @@ from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_steps
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
 from afl_mujoco.studies.verify.convergence import (
-    Floats,
     Study,
     difference,
     free_swing_study,

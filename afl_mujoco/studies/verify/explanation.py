@@ -13,6 +13,7 @@ import numpy as np
 from afl_mujoco.control.catalogue import CONTROLLERS
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.cartpole_equations import linear_momentum, plant, terms, total_energy
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -29,7 +30,6 @@ from afl_mujoco.studies.verify.cases import Simulated
 from afl_mujoco.studies.verify.checks import state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
-    Floats,
     continuous_study,
     sampled_study,
     schedule_study,
