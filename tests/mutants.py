@@ -46,17 +46,24 @@ from tests.faulty_copies import REPOSITORY, TESTS, Copies, TimeLimitError, files
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
 AREAS = {
-    "equations": ("plants/cartpole_equations.py",), "control": ("control/*.py",),
-    "estimator": ("control/estimator.py",), "scenario": ("scenario/*.py",),
+    "equations": ("plants/cartpole_equations.py", "plants/equations.py", "plants/tree.py"),
+    "plants in MuJoCo": ("plants/*.py",),
+    "estimator": ("control/estimator.py",), "control": ("control/*.py",),
+    "scenario": ("scenario/*.py",),
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
-    "checks": (*("studies/validate.py", "studies/verify/checks.py", "studies/verify/claims.py"),
+    "checks": (*("studies/check.py", "studies/validate.py", "studies/verify/any_plant.py"),
+               *("studies/verify/checks.py", "studies/verify/claims.py"),
                *("studies/verify/convergence.py", "studies/verify/criteria.py"),
                "studies/verify/explanation.py"),
+    "margins": ("studies/margins.py", "studies/shared/loop_margins.py"),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
 }  # fmt: skip
-DRAWN = ("simulation/decor.py", "simulation/figures.py")
-"""What only draws."""
+"""What is changed: a file is of the first area that names it."""
+
+DRAWN = ("simulation/decor.py", "simulation/figures.py", "plants/differences.py",
+         "plants/suspects.py")  # fmt: skip
+"""What only draws, or only names what a check has found."""
 
 BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Div Mod_FloorDiv"
 COMPARISONS = (
@@ -207,10 +214,11 @@ def _meaning(text: str) -> str:
 
 def all_places() -> list[Place]:
     package = REPOSITORY / "afl_mujoco"
-    drawn = {package / name for name in DRAWN}
+    known = {package / name for name in DRAWN}
     found = []
     for area, patterns in AREAS.items():
-        files = sorted({path for pattern in patterns for path in package.glob(pattern)} - drawn)
+        files = sorted({path for pattern in patterns for path in package.glob(pattern)} - known)
+        known.update(files)
         for path in files:
             found += places_in(str(path.relative_to(REPOSITORY)), area)
     return found
