@@ -19,8 +19,8 @@ BACKENDS = {"egl": (("EGL",), ("OpenGL", "GL")), "osmesa": (("OSMesa",),)}
 """Headless backends of MuJoCo, the preferred one first, and the libraries without which MuJoCo
 cannot even be imported with them: one of each group."""
 
-KNOWN = (*BACKENDS, "glfw", "disable", "disabled", "off", "false", "0", "enable", "enabled", "on",
-         "true", "1")  # fmt: skip
+OFF = ("disable", "disabled", "off", "false", "0")  # values with which MuJoCo does not draw
+KNOWN = (*BACKENDS, "glfw", *OFF, "enable", "enabled", "on", "true", "1")
 """Values of ``MUJOCO_GL`` that both MuJoCo and dm_control know."""
 
 PACKAGES = "install Debian's libegl1 and libgl1 (EGL), or libosmesa6 (OSMesa)"
@@ -113,6 +113,12 @@ def require_backend() -> str:
     anything imports MuJoCo.
     """
     asked = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if asked in OFF:
+        raise GraphicsError(
+            "MUJOCO_GL",
+            f"must not switch drawing off: unset it, or set {' or '.join(BACKENDS)}",
+            asked,
+        )
     candidates = [asked] if asked else list(BACKENDS)
     refusals = []
     for backend in candidates:

@@ -58,6 +58,12 @@ def test_a_backend_that_is_not_known_or_not_installed_is_one_line(tmp_path, back
     assert re.search(said, result.stderr)
 
 
+def test_films_with_drawing_switched_off_are_told_so(tmp_path, monkeypatch, refuses):
+    monkeypatch.setenv("MUJOCO_GL", "off")
+    said = refuses("render", "nominal", "--controllers", "lqr", "--out", "films")
+    assert said.endswith("must not switch drawing off: unset it, or set egl or osmesa, got off")
+
+
 def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
     (tmp_path / "short.toml").write_text("duration = 0.1\n")
     arguments = ("short.toml", "--controllers", "lqr", "--size", "320x240", "--fps", "10")
