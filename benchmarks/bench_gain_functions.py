@@ -20,7 +20,6 @@ import argparse
 import functools
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,11 +55,9 @@ class Tried(AFLController):
 
     slope: Slope
 
-    def inputs_along_run(
-        self, cart_mass: Any, half_length: Any, pole_mass: float, gravity: float
-    ) -> Array:
-        law = AFLController.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
-        law[..., 5] = self.slope(np.asarray(cart_mass), np.asarray(half_length))
+    def inputs_for(self, values: Array) -> Array:
+        law = AFLController.inputs_for(self, values)
+        law[:, 5] = self.slope(values[:, 0], values[:, 2])
         return law
 
 

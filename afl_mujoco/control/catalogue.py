@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control import scheduled as angle
 from afl_mujoco.control.cartpole_feedback import DESIGNS, StateFeedback
@@ -35,6 +34,7 @@ from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED, PAPER
 from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
 from afl_mujoco.control.scheduled import HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario
@@ -90,12 +90,10 @@ class AFLController(PaperLaw):
             for covered, reached in beyond_table(assumed)
         ]
 
-    def inputs_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[np.float64]:
-        """Return M, m, l, g, K, lambda, Phi along a run; raise if a gain is not positive."""
-        inputs = Controller.inputs_along_run(self, cart_mass, half_length, pole_mass, gravity)
-        _require_positive_gains(inputs.reshape(-1, 7))
+    def inputs_for(self, values: Floats) -> Floats:
+        """Return M, m, l, g, K, lambda, Phi in rows; raise if a gain is not positive."""
+        inputs = Controller.inputs_for(self, values)
+        _require_positive_gains(inputs)
         return inputs
 
     def describe(self) -> dict[str, Any]:
@@ -107,7 +105,7 @@ class AFLController(PaperLaw):
         }
 
 
-def _require_positive_gains(inputs: NDArray[np.float64]) -> None:
+def _require_positive_gains(inputs: Floats) -> None:
     for column, name in enumerate(GAIN_NAMES, start=4):
         bad = ~(inputs[:, column] > 0.0)
         if np.any(bad):
@@ -150,7 +148,7 @@ def as_controller(controller: Any) -> Controller:
     """Return a controller from what the Python functions take."""
     if isinstance(controller, str):
         return find_controller(controller)
-    if hasattr(controller, "inputs_along_run"):
+    if hasattr(controller, "inputs_for"):
         return controller  # type: ignore[no-any-return]
     name = getattr(controller, "__name__", type(controller).__name__)
     return PythonController(name=name, function=controller)

@@ -255,20 +255,15 @@ class Controller(Protocol):
         """Return the controller as plain data, for provenance."""
         ...
 
-    def assumed_parameters(
-        self, cart_mass: float, pole_mass: float, half_length: float, gravity: float
-    ) -> tuple[float, float, float, float]:
-        """Return the (M, m, l, g) [kg, kg, m, m/s^2] that the controller assumes of a plant."""
-        b = self.belief
-        if b is None:
-            return cart_mass, pole_mass, half_length, gravity
-        return b.cart_mass, b.pole_mass, b.half_length, b.gravity
+    def assumed(self, values: Floats) -> Floats:
+        """Return what the controller assumes of parameters that it is told, in rows or of one.
 
-    def assumed_values(self, values: Floats) -> Floats:
-        """Return what the controller assumes of the parameters, shape (parameters,)."""
-        if not has_its_names(self.plant):
+        Of the cart-pole (M, m, l, g) [kg, kg, m, m/s^2], those of its belief if it has one.
+        """
+        if self.belief is None or not has_its_names(self.plant):
             return values
-        return np.array(self.assumed_parameters(*values.tolist()))
+        own = [getattr(self.belief, name) for name in self.plant.parameters]
+        return np.array(np.broadcast_to(own, values.shape))
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of true parameters at which its gains are not smooth, by name."""
@@ -296,9 +291,8 @@ class Controller(Protocol):
             If the controller has no force at the pole angle; the paper's has none outside
             ``|phi| < pi/2``.
         """
-        p = truth
-        assumed = self.assumed_parameters(p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-        force = float(self.command(time, state, np.array(assumed)))
+        told = np.array([getattr(truth, name) for name in self.plant.parameters])
+        force = float(self.command(time, state, self.assumed(told)))
         compiled = not (self.interpreted or self.stateful)  # the others answer NaN
         if (
             compiled
@@ -316,37 +310,15 @@ class Controller(Protocol):
         compiled = self.compiled_for(_range_of(assumed[None]))
         return float(compiled_force(*compiled, z, phi, z_dot, phi_dot, tuple(assumed.tolist())))
 
-    def assumed_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> Floats:
-        """Return the assumed (M, m, l, g) for true M and l of shape (...), shape (..., 4)."""
-        masses = np.asarray(cart_mass, dtype=np.float64)
-        assumed = np.empty((*masses.shape, 4))
-        assumed[...] = self.assumed_parameters(np.nan, pole_mass, np.nan, gravity)
-        if self.belief is None:
-            assumed[..., 0], assumed[..., 2] = masses, half_length
-        return assumed
+    def inputs_for(self, values: Floats) -> Floats:
+        """Return the inputs of the controller for rows of told parameters, shape (N, numbers).
 
-    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
-        """Return the inputs of the controller for rows of told parameters, shape (N, numbers)."""
-        if not has_its_names(plant):
-            rule = f"is of the cart-pole; for plant {plant.name!r} use lqr, or your own"
-            raise InvalidValueError(f"controller {self.name!r}", rule)
-        mass, pole_mass, length, gravity = values.T
-        return self.inputs_along_run(mass, length, float(pole_mass[0]), float(gravity[0]))
-
-    def inputs_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> Floats:
-        """Return the inputs of the compiled controller along a run: assumed (M, m, l, g), gains.
-
-        For true M and l of shape (...), shape (..., 7) or (..., 8): the paper's controller has
-        three gains, state feedback four. Raises if a gain breaks its rule.
+        Of the cart-pole the assumed (M, m, l, g) and gains: three of the paper's controller, four
+        of state feedback. Raises if a gain breaks its rule.
         """
-        assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
-        rows = assumed.reshape(-1, 4)
+        rows = np.ascontiguousarray(self.assumed(values))
         inputs: Floats = inputs_along(*self.compiled_for(_range_of(rows)), rows)
-        return inputs.reshape((*assumed.shape[:-1], inputs.shape[1]))
+        return inputs
 
     def forces(self, states: Floats, inputs: Floats, times: Floats | None = None) -> Floats:
         """Return the force [N] at each of N states, shape (N, 4); NaN outside its domain.
@@ -479,7 +451,7 @@ class Laws:
             self._law = self._law._replace(kind=CALLED, address=self.callback.address)
         elif controller.kind != AFFINE:
             compiled = controller.compiled_for(scenario.plants)._asdict()
-            assumed = np.array(controller.assumed_parameters(*[np.nan] * 4))
+            assumed = controller.assumed(np.full(4, np.nan))
             self._law = self._law._replace(**compiled, assumed=assumed)
 
     def along(self, segment: Segment) -> Law:
@@ -501,7 +473,7 @@ def _asked(own: Controller) -> Any:
     """Return a controller as a `Callback` calls it."""
 
     def ask(time: float, state: Floats, _: Floats, values: Floats, out: Floats) -> None:
-        out[:] = own.command(time, state, own.assumed_values(values))
+        out[:] = own.command(time, state, own.assumed(values))
 
     return ask
 

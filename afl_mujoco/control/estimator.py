@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller, Estimator
@@ -404,10 +404,7 @@ class EstimatedController(Controller):
     def estimator_for(self, start: CartPoleParameters) -> Estimator:
         """Return controller and settings as compiled loops take them."""
         settings, assumed = self.settings.on(start)
-        masses, lengths = (np.linspace(*ends, GRID) for ends in assumed[:2])
-        self.controller.inputs_along_run(  # raises if a gain is not positive
-            *np.meshgrid(masses, lengths), assumed.pole_mass, assumed.gravity
-        )
+        self.controller.inputs_for(assumed.grid(GRID))  # raises if a gain is not positive
         return Estimator(self.controller.compiled_for(assumed), settings)
 
     def remarks(self, plants: PlantRange) -> list[str]:
@@ -432,11 +429,9 @@ class EstimatedController(Controller):
         """Return the controller inside, which sees the true M and l."""
         return self.controller
 
-    def inputs_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> NDArray[Any]:
+    def inputs_for(self, values: Floats) -> Floats:
         """Return the inputs that the controller would have if M and l were known."""
-        return self.controller.inputs_along_run(cart_mass, half_length, pole_mass, gravity)
+        return self.controller.inputs_for(values)
 
     def describe(self) -> dict[str, Any]:
         """Return controller and estimator as plain data, for provenance."""

@@ -318,17 +318,9 @@ class PythonController(Controller):
         """What it is called in messages about it, the same in every run."""
         return self.spec or self.name
 
-    def inputs_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> Floats:
-        """Return the inputs along a run: the assumed (M, m, l, g), shape (..., 4)."""
-        return self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
-
-    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
+    def inputs_for(self, values: Floats) -> Floats:
         """Return the inputs: what is assumed of the parameters, in rows."""
-        if has_its_names(plant):
-            return Controller.inputs_for(self, plant, values)
-        return values
+        return self.assumed(values)
 
     def forces(self, states: Floats, inputs: Floats, times: Floats | None = None) -> Floats:
         """Return the force [N] at each of many states; see `Controller.forces`."""

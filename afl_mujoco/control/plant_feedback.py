@@ -147,7 +147,7 @@ class LinearFeedback(Controller):
             rows.append(np.linalg.solve(powers, np.array(table)).T)
         return times, np.array(rows)
 
-    def inputs_for(self, plant: Plant, values: Floats) -> Floats:
+    def inputs_for(self, values: Floats) -> Floats:
         """Return holding inputs, gains, target and turns for rows of parameters."""
         distinct, which = np.unique(values, axis=0, return_inverse=True)
         return np.array([self._row(row) for row in distinct])[which.reshape(-1)]

@@ -57,17 +57,12 @@ class HeldController(PaperLaw):
         """Raise: no table of gains over M and l is this controller."""
         _need_a_start(self.name)
 
-    def inputs_along_run(
-        self, cart_mass: ArrayLike, half_length: ArrayLike, pole_mass: float, gravity: float
-    ) -> Floats:
-        """Return M, m, l, g along a run and the gains of its first instant, shape (..., 7)."""
-        assumed = self.assumed_along_run(cart_mass, half_length, pole_mass, gravity)
-        first = assumed.reshape(-1, 4)[0]
-        gains = self.gains(float(first[0]), float(first[2]))
-        inputs = np.empty((*assumed.shape[:-1], 7))
-        inputs[..., :4] = assumed
-        inputs[..., 4:] = gains.switching, gains.slope, gains.boundary_layer
-        return inputs
+    def inputs_for(self, values: Floats) -> Floats:
+        """Return M, m, l, g along a run and the gains of its first instant, shape (N, 7)."""
+        assumed = self.assumed(values)
+        g = self.gains(float(assumed[0, 0]), float(assumed[0, 2]))
+        gains = np.broadcast_to([g.switching, g.slope, g.boundary_layer], (len(assumed), 3))
+        return np.hstack([assumed, gains])
 
     def remarks(self, plants: PlantRange) -> list[str]:
         """Return where a plant lies beyond the table."""

@@ -7,7 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import NamedTuple
 
+import numpy as np
+
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.values import Checked, Positive
 
 COORDINATES = MappingProxyType({"z": "m", "phi": "rad"})  # the coordinates and their units
@@ -98,3 +101,9 @@ class PlantRange(NamedTuple):
         """Return the range that holds one plant."""
         p = plant
         return cls((p.cart_mass,) * 2, (p.half_length,) * 2, p.pole_mass, p.gravity)
+
+    def grid(self, count: int) -> Floats:
+        """Return evenly spaced plants, in rows of M, m, l, g, shape (count^2, 4)."""
+        masses, lengths = (np.linspace(*ends, count) for ends in self[:2])
+        axes = np.meshgrid(masses, self.pole_mass, lengths, self.gravity)
+        return np.column_stack([one.ravel() for one in axes])

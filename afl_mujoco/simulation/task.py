@@ -334,6 +334,6 @@ def controller_policy(
                 raise InvalidValueError("observation", f"must hold {name!r}", ", ".join(seen))
         told[0, columns] = seen["parameters"]
         state = np.concatenate([seen["position"], seen["velocity"]])
-        return np.atleast_1d(own.command(tick * period, state, own.assumed_values(told[0])))
+        return np.atleast_1d(own.command(tick * period, state, own.assumed(told[0])))
 
     return policy

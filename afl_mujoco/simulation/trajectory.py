@@ -394,7 +394,7 @@ def has_ended(criterion, state):
 
 def controller_inputs(scenario: Scenario, controller: Controller, times: Floats) -> Floats:
     """Return the inputs of the controller at times [s], shape (N, numbers)."""
-    return controller.inputs_for(scenario.plant, scenario.values(instants(times)))
+    return controller.inputs_for(scenario.values(instants(times)))
 
 
 def signals_of(plant: Plant, states: Floats, values: Floats) -> dict[str, Floats]:

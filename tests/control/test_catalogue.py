@@ -48,7 +48,7 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     controller = afl.CONTROLLERS.get(nominal) or replace(told, belief=p)
     assert controller.force(state, odd_parameters) == told.force(state, p)
     assert told.force(state, odd_parameters) != told.force(state, p)
-    inputs = controller.inputs_along_run([0.5, 2.0], [0.2, 1.0], 0.3, 5.0)
+    inputs = controller.inputs_for(np.array([[0.5, 0.3, 0.2, 5.0], [2.0, 0.3, 1.0, 5.0]]))
     np.testing.assert_array_equal(inputs[0], inputs[1])
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
@@ -59,7 +59,7 @@ def test_a_gain_function_needs_five_finite_coefficients_and_stays_positive():
     controller = afl.AFLController(name="falling", gain_function=falling)
     said = line("slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1")
     with pytest.raises(InvalidValueError, match=said):
-        controller.inputs_along_run([0.5, 2.0], [0.2, 0.3], 0.05, 9.81)
+        controller.inputs_for(np.array([[0.5, 0.05, 0.2, 9.81], [2.0, 0.05, 0.3, 9.81]]))
     with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
         falling.gains(2.0, 0.3)
     good = {name: (1, 0, 0, 0, 0) for name in NAMES}

@@ -294,9 +294,7 @@ def test_an_update_allocates_nothing(rng):
 def test_the_gains_are_positive_for_every_estimate(name, mass, length):
     start = replace(NOMINAL, cart_mass=mass, half_length=length)
     _, assumed = EstimatorSettings().on(start)
-    ranges = (np.linspace(*x, 50) for x in (assumed.cart_mass, assumed.half_length))
-    mass, length = np.meshgrid(*ranges)
-    afl.CONTROLLERS[name].inputs_along_run(mass, length, NOMINAL.pole_mass, NOMINAL.gravity)
+    afl.CONTROLLERS[name].inputs_for(assumed.grid(50))
 
 
 def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():

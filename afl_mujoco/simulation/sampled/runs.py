@@ -113,7 +113,7 @@ def prepare(
         actuators=actuators_of(s, step, count),
         profile=input_profile(model, s, times[: min(changing + 1, count) + 1]),
         initial_state=np.array(s.initial_state),
-        inputs=controller.inputs_for(s.plant, given),
+        inputs=controller.inputs_for(given),
         estimator=estimator,
     )
 

@@ -105,7 +105,7 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     model.write(scenario.values_at(0.0))
     n = len(plant.coordinates)
     target = np.array([*scenario.target, *np.zeros(n)])
-    told = controller.inputs_for(plant, scenario.told_values(np.zeros(1)))
+    told = controller.inputs_for(scenario.told_values(np.zeros(1)))
 
     def dynamics(state: Array, inputs: Array) -> Array:
         return np.array([*state[n:], *model.accelerations(state, inputs)])

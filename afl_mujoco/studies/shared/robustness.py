@@ -19,6 +19,7 @@ from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
 from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
+from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import (
@@ -448,14 +449,15 @@ def require_samples(
     scenario = space.scenario
     if not scenario.is_cart_pole:
         return
-    masses, lengths = np.meshgrid(*(_assumed(space, name) for name in scheduled(CART_POLE)))
+    ends = [_assumed(space, name) for name in scheduled(CART_POLE)]
+    plants = PlantRange(ends[0], ends[1], *scenario.told_constants).grid(21)
     for controller in controllers:
-        if not controller.interpreted:  # raises if a gain is not positive
-            controller.inputs_along_run(masses, lengths, *scenario.told_constants)
+        if not controller.interpreted:
+            controller.inputs_for(plants)  # raises if a gain is not positive
 
 
-def _assumed(space: SampleSpace, name: str) -> Floats:
-    """Return levels of M [kg] or l [m] over the whole range that a controller may assume."""
+def _assumed(space: SampleSpace, name: str) -> tuple[float, float]:
+    """Return the least and the largest M [kg] or l [m] that a controller may assume."""
     own = space.scenario.hardware(f"{name}{ERROR}")
     bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
     known = space.scenario.belief.known(space.scenario.nominal)
@@ -464,7 +466,7 @@ def _assumed(space: SampleSpace, name: str) -> Floats:
         for value in bounds
         for error in errors
     ]
-    return np.linspace(min(told), max(told), 21)
+    return float(min(told)), float(max(told))
 
 
 # --- starts -------------------------------------------------------------------------------------

@@ -115,5 +115,5 @@ def require_runnable(
             require_stateless(controller, "this comparison")
             own = bound(controller, scenario)
             controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))
-            if not np.isfinite(own.start().command(0.0, start, own.assumed_values(told))).all():
+            if not np.isfinite(own.start().command(0.0, start, own.assumed(told))).all():
                 raise InvalidValueError(place, f"must be one at which {own.name} has an input")
