@@ -92,8 +92,8 @@ class Ranges:
         object.__setattr__(self, "varied", varied)
         check_fields(self)
 
-    def of_plant(self, plant: Plant, ends_at: Mapping[str, float]) -> Ranges:
-        """Return the same in a plant's order, or raise; a run may only start within `ends_at`."""
+    def of_plant(self, plant: Plant) -> Ranges:
+        """Return the same in a plant's order, or raise."""
         if self == FIXED:
             return self
         known, changing = variable(plant), scheduled(plant)
@@ -107,7 +107,7 @@ class Ranges:
                 rule = "must not be an imperfection and a name of the plant: rename the plant's"
                 raise InvalidValueError(f"ranges.{name}", rule)
             with within("ranges."):
-                _require_allowed(plant, name, bounds, ends_at.get(name))
+                _require_allowed(plant, name, bounds)
         for name in self.rates:
             if name not in changing:
                 raise UnknownNameError.among("rate", name, changing).within("ranges.")
@@ -172,7 +172,7 @@ def _range(name: str, bounds: Any) -> Range:
     return low, high
 
 
-def _require_allowed(plant: Plant, name: str, bounds: Range, end: float | None) -> None:
+def _require_allowed(plant: Plant, name: str, bounds: Range) -> None:
     rule_of: Callable[[str, Any], Any] = require_finite
     if name in plant.parameters:
         if (plant.parameters[name].low or 0.0) > 0.0:
@@ -183,9 +183,6 @@ def _require_allowed(plant: Plant, name: str, bounds: Range, end: float | None) 
         rule_of = checks(Imperfections)[name.partition(".")[0]]
     for x in bounds:
         rule_of(name, x)
-    if end is not None and plant.units[name] == "rad" and not max(map(abs, bounds)) < end:
-        rule = f"must lie between -{end:.4g} and {end:.4g} rad, where a run ends"
-        raise InvalidValueError(name, rule, f"{bounds[0]:g} to {bounds[1]:g}")
 
 
 FIXED = Ranges()  # nothing varies

@@ -228,13 +228,24 @@ class Scenario:
         object.__setattr__(self, "requirements", self.requirements.of_plant(plant))
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
-        object.__setattr__(self, "ranges", self.ranges.of_plant(plant, self.ends_at))
+        object.__setattr__(self, "ranges", self.ranges.of_plant(plant))
+        self._require_starts()
         with within("belief."):
             belief = Belief.of(self.belief).of_plant(tuple(plant.parameters))
         for name, one in belief.assumed.items():
             if not isinstance(one.value, str):
                 _rule(plant.parameters[name])(f"belief.{name} value", one.value)
         object.__setattr__(self, "belief", belief)
+
+    def _require_starts(self) -> None:
+        """Raise if a start that is drawn could lie where a run ends."""
+        for name, end in self.ends_at.items():
+            bounds = self.ranges.varied.get(name)
+            if bounds is not None and not self.farthest(name, bounds) < end:
+                about, unit = self.about(name), self.plant.units[name]
+                ends = f"{about - end:.4g} and {about + end:.4g} {unit}, where a run ends"
+                got = f"{bounds[0]:g} to {bounds[1]:g}"
+                raise InvalidValueError(f"ranges.{name}", f"must lie between {ends}", got)
 
     def _take_schedule(self) -> None:
         known = self.plant.parameters
@@ -348,6 +359,18 @@ class Scenario:
         """Return from where `max` of a state, an input, a command or a signal is measured."""
         of_coordinates = dict(zip(self.plant.coordinates, self.target, strict=True))
         return float(of_coordinates.get(name, self.requirements.target.get(name, 0.0)))
+
+    def away(self, name: str, x: float) -> float:
+        """Return how far a coordinate is from its target, the shorter way where it wraps."""
+        away = x - self.about(name)
+        turns = round(away / (2.0 * math.pi)) if name in self.plant.wraps else 0
+        return away - 2.0 * math.pi * turns
+
+    def farthest(self, name: str, bounds: tuple[float, float]) -> float:
+        """Return how far a coordinate may be from its target within bounds."""
+        low, high = bounds
+        found = abs(self.away(name, 0.5 * (low + high))) + 0.5 * (high - low)
+        return min(found, math.pi) if name in self.plant.wraps else found
 
     def required_of(self, name: str) -> list[float]:
         """Return the values that one of these must not pass, by `max` and by `min`."""

@@ -38,7 +38,7 @@ from afl_mujoco.simulation.sampled.hardware import (
 )
 from afl_mujoco.simulation.sampled.loop import Plan, Profile, advance, apply_impulse, write_plant
 from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, Criterion, within_limits
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Criterion, criterion_of, within_limits
 
 choose_backend()
 import mujoco  # noqa: E402  (like dm_control it reads MUJOCO_GL when imported)
@@ -50,6 +50,7 @@ except ModuleNotFoundError as error:  # beyond Python 3.12 pip cannot install it
     rule = "must be installed: pip install --no-deps 'dm-control>=1.0.50,<1.1'"
     raise MissingPackageError(str(error.name), rule) from None
 
+_ENDS = ("ends", "tipped", "stops", "bands")  # of a criterion, what ends a run or counts as rest
 _FOREVER = 2**62  # more steps than any run has: the environment ends an episode, not the loop
 
 
@@ -69,6 +70,7 @@ class Episode(NamedTuple):
     told: Floats
     sensors: Sensors  # the hardware
     actuators: NDArray[Any]
+    endless: Criterion  # from where deviations are measured; nothing ends the loop
 
 
 def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
@@ -90,16 +92,10 @@ def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold:
     columns = scheduled_columns(s.plant)
     now, told, course = now[:, columns].copy(), told[:, columns].copy(), model.course(now)
     devices = sensors_of(s, hold * timestep), actuators_of(s, timestep, count)
-    return Episode(float(timestep), profile, *course, now, told, *devices)
-
-
-@kernel
-def _plan(n, timestep, hold):
-    """Return the plan of a control period, built here because Python would take longer."""
-    never = np.full(n, np.inf)
-    bands = np.full(2 * n, np.inf)
-    endless = Criterion(np.zeros(n), np.zeros(n, np.bool_), never, never, never, bands, 0)
-    return Plan(_FOREVER, hold, timestep, timestep, endless)
+    criterion = criterion_of(s)
+    never = {name: np.full_like(getattr(criterion, name), np.inf) for name in _ENDS}
+    endless = criterion._replace(**never)
+    return Episode(float(timestep), profile, *course, now, told, *devices, endless)
 
 
 @kernel
@@ -111,8 +107,14 @@ def begin_held(at, profile, run):
 
 
 @kernel
-def advance_held(at, timestep, profile, rows, which, actuators, run, pending, instant, hold):
-    """Take a control period under the commands in MjData, or until the state diverges."""
+def advance_held(
+    at, timestep, endless, profile, rows, which, actuators, run, pending, instant, hold
+):
+    """Take a control period under the commands in MjData, or until the state diverges.
+
+    `run.peak` tells how far from their targets the coordinates were in it.
+    """
+    run.peak[:] = 0.0
     read_state(at, run.after)
     if not within_limits(run.after):
         return instant
@@ -120,7 +122,7 @@ def advance_held(at, timestep, profile, rows, which, actuators, run, pending, in
     marks.step, marks.status, marks.written = instant, RUNNING, RUNNING
     write_plant(at, profile, run, instant)
     read_numbers(at.ctrl, run.command)
-    plan = _plan(at.n, timestep, hold)
+    plan = Plan(_FOREVER, hold, timestep, timestep, endless)
     advance(at, plan, actuators, profile, run, pending, np.empty((0, 0)))
     read_state(at, run.after)
     if not within_limits(run.after):
@@ -235,8 +237,8 @@ class Physics(DmPhysics):  # type: ignore[misc]
                 raise InvalidValueError("control", rule, f"{force:g}{unit}")
         e = self.episode
         reached = advance_held(
-            self.addresses, e.timestep, e.profile, e.rows, e.which, e.actuators, self.run,
-            self.pending, self.instant, nstep,
+            self.addresses, e.timestep, e.endless, e.profile, e.rows, e.which, e.actuators,
+            self.run, self.pending, self.instant, nstep,
         )  # fmt: skip
         self.data.ptr.time = reached * self._timestep
 

@@ -85,10 +85,13 @@ class Reward:
             return reward(states[:, 0], states[:, 1], inputs[:, 0])
         return nearness(self._layout.away(states)[:, : len(self._bands)], self._bands)
 
-    def ended(self, states: Floats) -> NDArray[np.bool_]:
-        """Return whether a coordinate is, or has turned, as far from its target as ends a run."""
-        away = np.abs(states[:, : len(self._ends)] - self._layout.target)
-        return np.asarray((away >= self._ends).any(axis=1))
+    def ended(self, states: Floats, peaks: Floats) -> NDArray[np.bool_]:
+        """Return whether a coordinate is as far from its target as ends a run.
+
+        Or was, of which `peaks` tells of the last control period, shape (N, n).
+        """
+        away = np.abs(self._layout.away(states)[:, : len(self._ends)])
+        return np.asarray((np.maximum(away, peaks) >= self._ends).any(axis=1))
 
 
 class Balance(control.Task):  # type: ignore[misc]
@@ -198,7 +201,7 @@ class Balance(control.Task):  # type: ignore[misc]
 
     def get_termination(self, physics: Physics) -> float | None:
         """Return discount 0 if a run ends here, of the cart-pole fallen, or has diverged."""
-        ended = self._reward.ended(physics.true_state()[None])[0]
+        ended = self._reward.ended(physics.true_state()[None], physics.run.peak[None])[0]
         return 0.0 if ended or physics.diverged() else None
 
 
@@ -292,11 +295,10 @@ def load(
 def _require_started(scenario: Scenario, space: SampleSpace | None, noise: float) -> None:
     """Raise if an angle could start where a run ends."""
     plant = scenario.plant
-    starts = zip(plant.coordinates, scenario.initial_state, scenario.target, strict=False)
-    for name, start, target in starts:
+    for name, start in zip(plant.coordinates, scenario.initial_state, strict=False):
         if plant.units[name] == "rad" and name in scenario.ends_at:
             ends = (start, start) if space is None else space.varied.get(name, (start, start))
-            if max(abs(x - target) for x in ends) + noise >= scenario.ends_at[name]:
+            if scenario.farthest(name, ends) + noise >= scenario.ends_at[name]:
                 rule = f"must not let {name} start fallen"
                 raise InvalidValueError("initial_noise", rule, noise)
 

@@ -349,9 +349,10 @@ def initial_state(options: dict[str, Any], scenario: Scenario) -> tuple[float, .
         raise InvalidValueError("initial_state", f"must hold {words} numbers", values.shape)
     names = zip(states, values.tolist(), strict=True)
     state = tuple(require_finite(f"{name} of initial_state", x) for name, x in names)
-    for name, x, target in zip(scenario.plant.coordinates, state, scenario.target, strict=False):
+    for name, x in zip(scenario.plant.coordinates, state, strict=False):
         limit = scenario.ends_at.get(name, math.inf)
-        if abs(x - target) >= limit:
+        if abs(scenario.away(name, x)) >= limit:
+            target = scenario.about(name)
             about = f" of {target:g}" if target else ""
             rule = f"must be within {limit:.4f} {scenario.plant.units[name]}{about}"
             raise InvalidValueError(f"{name} of initial_state", rule, f"{x:g}")

@@ -129,7 +129,7 @@ def _plant(i, many):
 
 
 @kernel
-def _step(part, begins, hold, timestep, many, commands):
+def _step(part, begins, hold, timestep, endless, many, commands):
     """Begin episodes from the states in ``many.truth``, or take a control period, in a part."""
     r = many.runs
     for i in part:
@@ -149,8 +149,8 @@ def _step(part, begins, hold, timestep, many, commands):
         else:
             write_numbers(at.ctrl, commands[i])
             many.instants[i] = advance_held(
-                at, timestep, profile, rows, which, many.actuators[i], run, _floats(e[12], at.k),
-                many.instants[i], hold,
+                at, timestep, endless, profile, rows, which, many.actuators[i], run,
+                _floats(e[12], at.k), many.instants[i], hold,
             )  # fmt: skip
             read_numbers(at.ctrl, many.forces[i])
         read_state(at, many.truth[i])
@@ -258,9 +258,11 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         count = min(len(active), SHARES * self._workers) if self._pool else 1
         parts = iter(np.array_split(active, max(count, 1)))
 
+        endless = self._first.dm_environment.physics.episode.endless
+
         def work() -> None:
             for part in parts:  # taking the next is one instruction, which no thread interrupts
-                _step(part, False, self._hold, self._timestep, many, commands)
+                _step(part, False, self._hold, self._timestep, endless, many, commands)
 
         self._steps += 1
         others = [self._pool.submit(work) for _ in range(self._workers - 1)] if self._pool else []
@@ -270,7 +272,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         for one in others:
             one.result()
         diverged = np.logical_not((np.abs(many.truth) < STATE_LIMIT).all(axis=1))
-        terminated = (self._reward.ended(many.truth) | diverged) & ~fresh
+        terminated = (self._reward.ended(many.truth, many.runs.peak) | diverged) & ~fresh
         last = self._steps >= self._first.most_steps
         truncated = last & ~terminated & ~fresh
         finite = np.where(diverged[:, None], 0.0, many.truth)
@@ -307,7 +309,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         model.set_imperfections(scenario.imperfections)
         model.compute_only()
         many.truth[i] = start
-        _step(np.array([i]), True, self._hold, self._timestep, many, many.forces)
+        _step(np.array([i]), True, self._hold, self._timestep, e.endless, many, many.forces)
 
     def _observations(self) -> Floats:
         told = [self._many.told] if self._first.parameters == OBSERVED else []

@@ -1,0 +1,80 @@
+"""A coordinate that comes round, its target not at 0: every interface measures the shorter way."""
+
+import math
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.ranges import Ranges
+
+PENDULUM = afl.Plant(
+    name="pendulum", coordinates=("angle",), inputs=("torque",), upright=(math.pi,),
+    wraps=("angle",),
+    model="""<mujoco><worldbody><body name="rod"><joint name="angle" axis="0 1 0"/>
+      <inertial pos="0 0 -.3" mass="1" diaginertia=".01 .01 .01"/></body></worldbody>
+      <actuator><motor name="torque" joint="angle"/></actuator></mujoco>""",
+)  # fmt: skip
+NEAR = afl.Scenario(
+    name="near", plant=PENDULUM, duration=2.0, initial_state={"angle": -3.0},
+    requirements=afl.Requirements(ends_at={"angle": 0.3}),
+)  # fmt: skip
+
+
+def worlds(**settings):
+    yield gymnasium.make("afl_mujoco/Scenario-v0", control_period=0.01, **settings)
+    yield gymnasium.make_vec(
+        "afl_mujoco/Scenario-v0", 1, vectorization_mode="vector_entry_point", control_period=0.01,
+        **settings,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("angle", [-3.0, 3.2, -3.3])
+def test_environments_end_an_episode_when_the_run_ends(angle: float) -> None:
+    scenario = replace(NEAR, initial_state={"angle": angle})
+    run = afl.simulate_mujoco(scenario, lambda *_: 0.0, control_period=0.01)
+    ends = [math.ceil(run.outcome.time / 0.01 - 1e-6)]
+    world, ticks = afl.load(scenario, control_period=0.01), 1
+    world.reset()
+    while not world.step([0.0]).last():
+        ticks += 1
+    ends.append(ticks)
+    for world in worlds(scenario=scenario):
+        world.reset()
+        shape, ticks, ended = world.action_space.shape, 0, False
+        while not ended:
+            *_, ended, _, _ = world.step(np.zeros(shape))
+            ticks += 1
+        ends.append(ticks)
+    assert run.outcome.kind == "fell" and len(set(ends)) == 1
+
+
+def test_a_fall_inside_a_control_period_ends_an_episode_as_it_ends_a_run() -> None:
+    """A kick there and a kick back: at neither end of the period is it far from its target."""
+    kicks = [afl.Impulse(momentum=m, time=t, coordinate="angle")
+             for m, t in ((20.0, 0.102), (-40.0, 0.104), (20.0, 0.106))]  # fmt: skip
+    scenario = replace(NEAR, initial_state={"angle": 3.14}, disturbances=tuple(kicks))
+    assert afl.simulate_mujoco(scenario, lambda *_: 0.0).outcome.time < 0.11
+    for world in worlds(scenario=scenario):
+        world.reset()
+        shape = world.action_space.shape
+        ended = [bool(world.step(np.zeros(shape))[2]) for _ in range(11)]
+        assert ended == [*[False] * 10, True]
+
+
+def test_starts_are_measured_from_the_target_the_shorter_way() -> None:
+    for world in worlds(scenario=NEAR):
+        world.reset(options={"initial_state": [3.2, 0.0]})
+        with pytest.raises(InvalidValueError, match=r"must be within 0.3000 rad of 3.14159, got 0"):
+            world.reset(options={"initial_state": [0.0, 0.0]})
+    afl.load(NEAR, initial_noise=0.1)
+    with pytest.raises(InvalidValueError, match=r"must not let angle start fallen, got 0.2"):
+        afl.load(NEAR, initial_noise=0.2)
+    for bounds in ([3.0, 3.3], [-3.2, -3.0], [9.3, 9.5]):
+        replace(NEAR, ranges=Ranges(varied={"angle": bounds}))
+    said = r"ranges.angle must lie between 2.842 and 3.442 rad, where a run ends, got -0.1 to 0.1"
+    with pytest.raises(InvalidValueError, match=said):
+        replace(NEAR, ranges=Ranges(varied={"angle": [-0.1, 0.1]}))
