@@ -15,7 +15,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Parameter, Plant, load_plant
 from afl_mujoco.scenario.belief import TRUTH, Belief, is_error
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse, channel_of, channels_of
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, require_within_stop
+from afl_mujoco.scenario.imperfections import BY_INPUT, IDEAL, Imperfections, require_within_stop
 from afl_mujoco.scenario.parameters import (
     CONSTANTS,
     LARGEST_STATE,
@@ -229,7 +229,7 @@ class Scenario:
         self.requirements.require_decidable(self.duration, self.disturbances)
         require_type("ranges", self.ranges, Ranges)
         object.__setattr__(self, "ranges", self.ranges.of_plant(plant))
-        self._require_starts()
+        self._require_ranges()
         with within("belief."):
             belief = Belief.of(self.belief).of_plant(tuple(plant.parameters))
         for name, one in belief.assumed.items():
@@ -237,8 +237,12 @@ class Scenario:
                 _rule(plant.parameters[name])(f"belief.{name} value", one.value)
         object.__setattr__(self, "belief", belief)
 
-    def _require_starts(self) -> None:
-        """Raise if a start that is drawn could lie where a run ends."""
+    def _require_ranges(self) -> None:
+        """Raise if a start that is drawn could lie where a run ends, or one number be a table."""
+        for name in self.ranges.varied:
+            if name in BY_INPUT and isinstance(getattr(self.imperfections, name), Mapping):
+                rule = f"must be a table by input, as imperfections.{name} is"
+                raise InvalidValueError(f"ranges.{name}", rule, list(self.ranges.varied[name]))
         for name, end in self.ends_at.items():
             bounds = self.ranges.varied.get(name)
             if bounds is not None and not self.farthest(name, bounds) < end:

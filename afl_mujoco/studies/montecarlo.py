@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import combinations
 from pathlib import Path
-from statistics import median
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
@@ -44,7 +44,7 @@ from afl_mujoco.studies.shared.robustness import (
 )
 from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.studies.shared.search import Budget
-from afl_mujoco.studies.shared.tables import how
+from afl_mujoco.studies.shared.tables import how, middle
 
 if TYPE_CHECKING:
     from afl_mujoco.films.video import Film
@@ -285,12 +285,13 @@ def _rates(result: Result) -> Matrix:
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
         fails = "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING
-        margins = [run.margin for run in some if run.margin is not None]
+        margins = [run.margin for run in some if run.failure or run.margin is not None]
+        margin = middle(margins, -math.inf)  # a failure without one is worse than any
         shares = (
             f"{percent(share, 3)} ({fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)})"
             for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
         )
-        rows.append([name, *shares, percent(median(margins)) if margins else MISSING, fails])
+        rows.append([name, *shares, MISSING if margin is None else percent(margin), fails])
         passed[name] = [not run.failure for run in some]
     pairs = [
         f"{a} and {b} p = {short(p_value(passed[a], passed[b]), 2)}"

@@ -117,6 +117,14 @@ def test_a_range_of_a_name_of_the_plant_that_an_imperfection_has_too_is_refused(
         afl.Scenario(name="s", plant=own, ranges=Ranges(varied={"delay": (0.1, 0.2)}))
 
 
+def test_a_range_of_one_number_where_the_file_has_a_table_is_refused() -> None:
+    plant, late = known("quadrotor_load.py:plant"), afl.Imperfections(delay={"left": 0.01})
+    with pytest.raises(AflMujocoError, match=r"^ranges\.delay must be a table by input, as imp"):
+        afl.Scenario(
+            name="s", plant=plant, imperfections=late, ranges=Ranges(varied={"delay": (0.0, 0.1)})
+        )
+
+
 @pytest.mark.parametrize(("text", "message"), [
     ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
     ("phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run ends"),

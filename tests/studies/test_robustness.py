@@ -47,6 +47,33 @@ def searched(runs, space=SPACE, budget=SMALL, deployed=DEFAULT, workers=1, **how
         return robustness.search_worst(LQR, space, runs, 1, budget, deployed, executor, **how)
 
 
+ARM = afl.Plant(
+    name="arm", coordinates=("turn", "reach"), inputs=("torque", "thrust"),
+    model="""<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/><geom size=".1"/>
+      <body pos="0 0 .3"><joint name="reach" type="slide"/><geom size=".1" contype="0"/></body>
+      </body></worldbody><actuator><motor name="torque" joint="turn"/>
+      <motor name="thrust" joint="reach"/></actuator></mujoco>""",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "own", "level", "acting", "reference"), [
+    ("delay", {"torque": 0.003}, 0.05, [0.05, 0.05], 0.003),
+    ("delay", {"torque": 0.003, "thrust": 0.0065}, 0.005, [0.005, 0.0065], 0.0065),
+    ("lag", 0.003, 0.05, [0.05, 0.05], 0.003),
+    ("input_limit", {"torque": 25.0}, 10.0, [10.0, 10.0], 25.0),
+    ("input_limit", {"torque": 25.0, "thrust": 12.0}, 15.0, [15.0, 12.0], 25.0),
+])  # fmt: skip
+def test_a_level_is_of_every_input_and_the_reference_no_milder_than_the_file(
+    name, own, level, acting, reference
+) -> None:
+    """Also of an input that the file leaves ideal; limits in N and N m have no one number."""
+    scenario = afl.Scenario(name="s", plant=ARM, imperfections=afl.Imperfections(**{name: own}))
+    one = robustness.find_imperfection(name, ARM)
+    there = robustness.on_hardware(scenario, robustness.hardware_at(one, level, ARM))
+    assert [there.imperfections.of_input(name, x) for x in ARM.inputs] == acting
+    assert robustness.referred(one, (scenario,)).reference == reference
+
+
 @pytest.mark.parametrize("name", ["delay", "end_stops.z"])
 def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
     settings = robustness.Settings(seeds=1, scan=5, tolerance=0.1)

@@ -1,3 +1,4 @@
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.shared.run import Run, columns_of, run_all, run_of
-from afl_mujoco.studies.shared.tables import requirements_matrix
+from afl_mujoco.studies.shared.tables import middle, requirements_matrix
 
 LQR, NOMINAL = afl.CONTROLLERS["lqr"], afl.SCENARIOS["nominal"]
 NEAR = afl.Scenario(name="near", duration=3.0, initial_state=(0.0, 0.2, 0.0, 0.0))
@@ -84,3 +85,27 @@ def test_the_matrix_counts_draws_and_shows_margins() -> None:
     first, second = cells["|z| at most 2 m"]
     assert (first.text, first.status) == ("1.6 (20 %) 1 of 2", "neutral")
     assert (second.text, second.status) == ("1 (50 %)", "good")
+
+
+def test_a_median_is_of_all_draws_also_of_those_that_have_no_number() -> None:
+    """Three draws settle, four never do: the median never settles, and its margin is none."""
+    asked = afl.Scenario(
+        name="case", duration=9.0, requirements=afl.Requirements(settling_time=4.0, max={"z": 1.0})
+    )
+
+    def draw(settles: float | None, z: float) -> Run:
+        left = None if settles is None else 1.0 - settles / 4.0
+        rest = Judgement("settling_time", 4.0, settles, left, graded=-0.1)
+        return made(requirements=(Judgement("max.z", 1.0, z, 1.0 - z), rest))
+
+    def told(*draws: Run) -> list[str]:
+        rows = requirements_matrix(asked, {"lqr": draws}, {}).rows
+        return [row[1].text for row in rows if str(row[0]).startswith(("|z|", "settles"))]
+
+    never = [draw(None, 0.5)] * 4
+    assert told(*never, *[draw(2.0, 0.25)] * 3) == ["0.5 (50 %)", "never 3 of 7"]
+    assert told(*never, *[draw(2.0, 0.25)] * 5) == ["0.25 (75 %)", "2 (50 %) 5 of 9"]
+    assert (middle([None, 0.3, 0.5], -math.inf), middle([None, None, 0.5], -math.inf)) == (
+        0.3,
+        None,
+    )

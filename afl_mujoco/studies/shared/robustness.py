@@ -18,7 +18,12 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import ERROR, is_error
-from afl_mujoco.scenario.imperfections import BY_INPUT, LARGEST_SEED, Imperfection, imperfections_of
+from afl_mujoco.scenario.imperfections import (
+    IDEAL_INPUT,
+    LARGEST_SEED,
+    Imperfection,
+    imperfections_of,
+)
 from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
@@ -149,8 +154,9 @@ def on_hardware(scenario: Scenario, hardware: Hardware) -> Scenario:
             return own + level
         if own is None:  # ideal
             return level
-        if name in BY_INPUT and isinstance(own, Mapping):
-            return {key: on_top(value, name, level) for key, value in own.items()}
+        if isinstance(own, Mapping):  # of inputs: each gets it, also one that the file leaves ideal
+            every = {key: own.get(key, IDEAL_INPUT[name]) for key in scenario.plant.inputs}
+            return {key: on_top(value, name, level) for key, value in every.items()}
         return min(own, level) if less_is_worse(name) else max(own, level)
 
     changes = {name: on_top(scenario.hardware(name), name, x) for name, x in hardware.items()}
@@ -161,12 +167,17 @@ def referred(one: Imperfection, scenarios: Scenarios) -> Imperfection:
     """Return an imperfection whose reference is no milder than what a scenario has itself."""
     if one.adds:
         return one
-    levels = [one.reference]
+    levels, harshest = [one.reference], min if one.less_is_worse else max
     for key, factor in list(one.fields.items())[:1]:  # all combined has none
-        for own in (scenario.hardware(key) for scenario in scenarios):
-            x = min(own.values(), default=None) if isinstance(own, Mapping) else own
+        for scenario in scenarios:
+            x = scenario.hardware(key)
+            if isinstance(x, Mapping):
+                units = {scenario.plant.units[name] for name in x}
+                # a level in several units is of the mildest, at which nothing changes
+                mixed = one.less_is_worse and len(units) > 1
+                x = (max if mixed else harshest)(x.values(), default=None)
             levels += [x / factor] if x and x / factor > 0.0 else []
-    return replace(one, reference=min(levels) if one.less_is_worse else max(levels))
+    return replace(one, reference=harshest(levels))
 
 
 def times_reference(imperfection: Imperfection, level: float) -> float:

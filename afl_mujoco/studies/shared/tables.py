@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from functools import partial
 from statistics import median
 from typing import Any
@@ -163,6 +164,13 @@ def requirements_matrix(
     )
 
 
+def middle(values: Iterable[float | None], unknown: float) -> float | None:
+    """Return the median of numbers, None taken for one that is infinite; None if it is."""
+    known = [unknown if x is None else x for x in values]
+    found = median(known) if known else unknown
+    return found if math.isfinite(found) else None
+
+
 def _settled(runs: Sequence[Run]) -> str:
     count = sum(run.settled for run in runs)
     return ("no", "yes")[count] if len(runs) == 1 else f"{count} of {len(runs)}"
@@ -179,12 +187,12 @@ def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
             return Cell(f"yes{share}", status)
         at = "" if early.time is None else f" at {short(early.time, 3)} s"
         return Cell(f"{how(early.outcome)}{at}{share}", status)
-    values = [one.value for one in judged if one.value is not None]
-    margins = [one.margin for one in judged if one.margin is not None]
-    if not values:
+    value = middle([one.value for one in judged], math.inf)  # never comes after any time
+    margin = middle([one.margin for one in judged], -math.inf)
+    if value is None:
         return Cell((NEVER if any(one.graded is not None for one in judged) else MISSING) + share,
                     status)  # fmt: skip
-    text = short(median(values), 3) + (f" ({percent(median(margins))})" if margins else "")
+    text = short(value, 3) + ("" if margin is None else f" ({percent(margin)})")
     limited = any(one.limited for one in judged)  # so that the margin is the drive's
     return Cell(text + " limited" * limited + share, status)
 
