@@ -328,6 +328,9 @@ def from_sympy(
         raise MissingPackageError("from_sympy", "needs a package: pip install sympy") from None
 
     names = dict(p) if hasattr(p, "items") else {symbol: str(symbol) for symbol in p}
+    if strange := [name for name in names.values() if not isinstance(name, str)]:
+        rule = "must be symbols, or a dictionary from symbols to names of parameters"
+        raise InvalidValueError("p", rule, told(strange[0], repr))
     states, rates, inputs = ([sp.Symbol(f"{word}_{i}_") for i in range(len(some))]
                              for word, some in zip("qvu", (q, v, u), strict=True))  # fmt: skip
     plain: Any = {symbol: sp.Symbol(f"p_{name}_") for symbol, name in names.items()}

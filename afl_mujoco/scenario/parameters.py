@@ -32,6 +32,12 @@ def symbol(name: str) -> str:
     return f"{GREEK.get(whole, whole)}{prime}"
 
 
+def from_target(name: str, target: float) -> str:
+    """Return what is said of a deviation, such as α − 0.5; of one from 0 the symbol alone."""
+    sign = "−" if target > 0.0 else "+"
+    return f"{symbol(name)} {sign} {abs(target):.4g}" if target else symbol(name)
+
+
 def labelled(name: str, unit: str) -> str:
     """Return a name as a report writes it with its unit, if it has one."""
     return f"{symbol(name)} [{unit}]" if unit else symbol(name)

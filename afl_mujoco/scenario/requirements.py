@@ -12,7 +12,7 @@ from typing import Annotated, Any, NamedTuple
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import from_target
 from afl_mujoco.values import (
     EMPTY,
     ByName,
@@ -47,11 +47,11 @@ _WORDS = MappingProxyType(
 )
 
 
-def words_of(name: str) -> str:
-    """Return a requirement in words, before its limit."""
+def words_of(name: str, target: float = 0.0) -> str:
+    """Return a requirement in words, before its limit; `max` is of what is away from a target."""
     way, _, thing = name.partition(".")
     whole, asked = thing.removesuffix("_command"), " asked" * thing.endswith("_command")
-    shown = f"{symbol(whole)}{asked}"
+    shown = f"{from_target(whole, target)}{asked}"
     return _WORDS.get(name) or (f"|{shown}| at most" if way == "max" else f"{shown} at least")
 
 

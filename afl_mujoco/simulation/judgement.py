@@ -101,10 +101,7 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     inputs = scenario.plant.inputs
     for name, limit in asked.max.items():
         share = metrics[effort_names(inputs, name)[-1]] if name in inputs else 0.0
-        if name in run.signals:
-            peak: Any = float(np.abs(run.signals[name] - scenario.about(name)).max())
-        else:
-            peak = metrics[known[f"max.{name}"].metric]
+        peak = metrics[known[f"max.{name}"].metric]
         yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share or 0.0)
     states = dict(zip(scenario.plant.states, run.state.T, strict=True))
     for name, limit in asked.min.items():

@@ -10,7 +10,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import from_target
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
@@ -63,12 +63,15 @@ def _parsed(key: str) -> tuple[str, str]:
     return start, key.removeprefix(start)
 
 
-def label_of(key: str) -> str:
+def label_of(key: str, layout: Layout = LAYOUT) -> str:
     """Return the name of a metric in a report."""
     start, name = _parsed(key)
     if key in _LABELS:
         return _LABELS[key]
-    return _OF_STATE[start][0].format(symbol(name)) if start else key.replace("_", " ")
+    if not start:
+        return key.replace("_", " ")
+    away = 0.0 if start == "least_" else layout.about(name)  # all others are of deviations
+    return _OF_STATE[start][0].format(from_target(name, away))
 
 
 def unit_of(key: str, layout: Layout = LAYOUT) -> str:
@@ -142,9 +145,8 @@ def metrics_of(run: Trajectory) -> Metrics:
         values = (*largest, squares(force**2, time), variation, 0.0)
         figures |= dict(zip(names, values, strict=True))
     figures |= {"end_time": run.outcome.time, **run.effort}
-    figures |= {
-        f"peak_{x}": float(np.abs(y).max()) for x, y in (states | dict(run.signals)).items()
-    }
+    signals = {name: x - layout.about(name) for name, x in run.signals.items()}
+    figures |= {f"peak_{x}": float(np.abs(y).max()) for x, y in (states | signals).items()}
     figures |= {f"least_{name}": float(x.min()) for name, x in run.signals.items()}
     for name, x in states.items():
         figures[f"overshoot_{name}"] = _overshoot(x)

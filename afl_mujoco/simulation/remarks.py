@@ -103,13 +103,15 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         most_named, *_, share_named = effort_names(inputs, name)
         share, most = figures[share_named], figures[most_named]
         limit = scenario.imperfections.of_input("input_limit", name)
+        drive = "the drive" if len(inputs) == 1 else f"the drive of {name}"
+        if most is None and run.outcome.kind != DIVERGED:
+            yield f"{drive} is asked for more than any number"
         if not share or most is None:
             continue
         unit = f" {one}" if (one := scenario.plant.units[name]) else ""
         asked = f"asks for up to {most:.3g}{unit}"
         if limit is not None and most <= limit:
             asked = f"asks for all of {limit:g}{unit}"
-        drive = "the drive" if len(inputs) == 1 else f"the drive of {name}"
         yield (
             f"{drive} is at its limit for {100.0 * share:.0f} % of the run: the controller {asked}"
         )

@@ -1,9 +1,10 @@
-"""The simulator of equations for callers who give a controller by its name."""
+"""The simulators of equations for callers whose controller is not bound to the plant yet."""
 
 from __future__ import annotations
 
 import functools
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,32 @@ from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.tree import Tree
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
-from afl_mujoco.simulation import ode
+from afl_mujoco.simulation import ode, ode_fixed_step
 from afl_mujoco.simulation.bound_controllers import bound, plant_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import Line, line_of
 from afl_mujoco.simulation.trajectory import Trajectory
 
 
-@functools.wraps(ode.simulate_ode)
-def simulate_ode(scenario: Scenario | str | Path, controller: Any, **settings: Any) -> Trajectory:
+def _binding(simulate: Callable[..., Trajectory]) -> Callable[..., Trajectory]:
     """Bind the controller to the plant, which the equations' side cannot: it knows no engine."""
-    known = as_scenario(scenario)
-    own = bound(as_controller(controller), known)
-    return ode.simulate_ode(known, own, trees=MovingTrees(known.plant), **settings)
+
+    @functools.wraps(simulate)
+    def simulated(scenario: Scenario | str | Path, controller: Any, **settings: Any) -> Trajectory:
+        known = as_scenario(scenario)
+        return simulate(known, bound(as_controller(controller), known), **settings)
+
+    return simulated
+
+
+@functools.wraps(ode.simulate_ode)
+def _simulate_ode(scenario: Scenario, controller: Any, **settings: Any) -> Trajectory:
+    return ode.simulate_ode(scenario, controller, trees=MovingTrees(scenario.plant), **settings)
+
+
+simulate_ode = _binding(_simulate_ode)
+simulate_ode_held = _binding(ode_fixed_step.simulate_ode_held)
+simulate_ode_rk4 = _binding(ode_fixed_step.simulate_ode_rk4)
 
 
 class MovingTrees:

@@ -72,13 +72,21 @@ class Layout:
     units: Mapping[str, str] = field(default_factory=lambda: dict(CART_POLE.units))
     target: tuple[float, ...] = (0.0, 0.0)
     wraps: tuple[str, ...] = ("phi",)
+    signals: Mapping[str, float] = field(default_factory=dict)  # targets that are not 0
 
     @classmethod
     def of(cls, scenario: Scenario) -> Layout:
         """Return the layout of the runs of a scenario."""
         p = scenario.plant
         names = tuple(p.coordinates), tuple(p.inputs)
-        return cls(*names, dict(p.units), scenario.target, tuple(p.wraps))
+        goals = {name: x for name in p.signals if (x := scenario.about(name))}
+        return cls(*names, dict(p.units), scenario.target, tuple(p.wraps), goals)
+
+    def about(self, name: str) -> float:
+        """Return from where deviations of a coordinate or a signal are measured, else 0."""
+        return dict(zip(self.coordinates, self.target, strict=True)).get(
+            name, self.signals.get(name, 0.0)
+        )
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -255,7 +263,8 @@ class Trajectory:
         heads = ("metric", "value", "unit", "key of <code>metrics</code>")
         head = "".join(f"<th>{one}</th>" for one in heads)
         rows = f"<tr>{head}</tr>" + "".join(
-            f"<tr><td>{label_of(name)}</td><td>{'–' if value is None else f'{value:.5g}'}</td>"
+            f"<tr><td>{label_of(name, self.layout)}</td>"
+            f"<td>{'–' if value is None else f'{value:.5g}'}</td>"
             f"<td>{unit_of(name, self.layout)}</td><td><code>{name}</code></td></tr>"
             for name, value in self.metrics.items()
         )

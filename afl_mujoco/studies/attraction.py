@@ -127,7 +127,8 @@ def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> f
     if given is None:
         given = 20.0 * scenario.band(name.removesuffix("_dot"))
         turn = math.pi if units[name] == "rad" else math.inf
-        given = min(given, 0.95 * scenario.ends_at.get(name, math.inf), turn)
+        stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
+        given = min(given, 0.95 * min(stop, scenario.ends_at.get(name, math.inf)), turn)
     most = require_positive(option, given)
     if units[name] == "rad":
         require_start_angle(option, most)

@@ -118,6 +118,8 @@ def test_expressions_that_are_no_terms_are_one_line(said, forcing) -> None:
     q, v, u, m = sp.symbols("q v u m")
     with pytest.raises(afl.AflMujocoError, match=said):
         afl.from_sympy([[m]], [forcing(q, v, u)], [q], [v], [u], [m])
+    with pytest.raises(afl.AflMujocoError, match="must be symbols, or a dictionary from symbols"):
+        afl.from_sympy([[m]], [u], [q], [v], [u], {"mass": m})
 
 
 def free(q, v, p):

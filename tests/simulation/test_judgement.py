@@ -153,6 +153,19 @@ def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(li
     assert said is None or said in found[0]
 
 
+def test_an_infinite_command_is_remarked_on_where_the_drive_makes_a_number_of_it() -> None:
+    near = afl.Scenario(
+        name="near",
+        initial_state={"phi": 0.1},
+        duration=0.5,
+        imperfections=Imperfections(input_limit=5),
+    )
+    run = afl.simulate_mujoco(near, lambda t, x, belief: math.inf if t < 0.002 else 0.0)
+    assert run.outcome.kind == "completed"
+    said = remarks_on(run, near, afl.find_controller("lqr"))
+    assert "the drive is asked for more than any number" in said
+
+
 def test_a_controller_that_does_nothing_is_remarked_on() -> None:
     upright = afl.Scenario(name="upright", initial_state=(0.2, 0.0, 0.0, 0.0), duration=0.1)
     leaning = replace(upright, initial_state=(0.0, 0.1, 0.0, 0.0))

@@ -222,6 +222,8 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         shares = np.asarray(action, dtype=np.float64)
         if shares.shape != self.low.shape:
             raise InvalidValueError("action", f"must have shape {self.low.shape}", shares.shape)
+        if not np.isfinite(shares).all():
+            raise InvalidValueError("action", "must be finite", shares.tolist())
         step = self.dm_environment.step(self.inputs(shares))
         ended = self.dm_environment.task.get_termination(self.dm_environment.physics) is not None
         self._under_way = not step.last()

@@ -77,7 +77,9 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
 
 def asked(one: Judgement, scenario: Scenario) -> str:
     """Return what a requirement of a scenario asks for."""
-    words, unit = words_of(one.requirement), scenario.unit_of(one.requirement)
+    way, _, thing = one.requirement.partition(".")
+    words = words_of(one.requirement, scenario.about(thing) if way == "max" else 0.0)
+    unit = scenario.unit_of(one.requirement)
     if one.requirement == "completes":
         return words
     return f"{words} {short(one.limit)} {unit}".rstrip()
@@ -86,7 +88,8 @@ def asked(one: Judgement, scenario: Scenario) -> str:
 def titled(metric: str, layout: Layout = LAYOUT) -> str:
     """Return a metric with its unit."""
     unit = unit_of(metric, layout)
-    return f"{label_of(metric)} [{unit}]" if unit else label_of(metric)
+    label = label_of(metric, layout)
+    return f"{label} [{unit}]" if unit else label
 
 
 Graded = Mapping[str, Sequence[tuple[int, str]]]

@@ -1,4 +1,4 @@
-"""A coordinate that comes round, its target not at 0: every interface measures the shorter way."""
+"""Targets that are not 0, of coordinates that come round too: what is measured from them."""
 
 import math
 from dataclasses import replace
@@ -10,6 +10,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.studies.attraction import Options, prepare
+from tests.plants.plants import known
 
 PENDULUM = afl.Plant(
     name="pendulum", coordinates=("angle",), inputs=("torque",), upright=(math.pi,),
@@ -78,3 +80,41 @@ def test_starts_are_measured_from_the_target_the_shorter_way() -> None:
     said = r"ranges.angle must lie between 2.842 and 3.442 rad, where a run ends, got -0.1 to 0.1"
     with pytest.raises(InvalidValueError, match=said):
         replace(NEAR, ranges=Ranges(varied={"angle": [-0.1, 0.1]}))
+
+
+def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> None:
+    asked = afl.Requirements(
+        target={"z": 0.5, "load_height": -0.25}, max={"z": 1.0, "load_height": 1.0}, min={"x": -1.0}
+    )
+    plant = known("quadrotor_load.py:plant")
+    scenario = afl.Scenario(name="lift", plant=plant, duration=0.5, requirements=asked)
+    result = afl.compare(scenario, ["lqr"])
+    run = afl.simulate_mujoco(scenario, "lqr")
+    values = {one["requirement"]: one["value"] for one in result.requirements}
+    for name, x, target in (("z", run.state[:, 1], 0.5),
+                            ("load_height", run.signals["load_height"], -0.25)):  # fmt: skip
+        furthest = np.abs(x - target).max()
+        assert values[f"max.{name}"] == run.metrics[f"peak_{name}"] == furthest
+    printed, shown = str(result), run._repr_html_()
+    assert "|z − 0.5| at most 1 m" in printed and "|load_height + 0.25| at most 1 " in printed
+    assert "∫|z − 0.5| dt" in shown and "max |x|" in shown and "least load_height" in shown
+    run.save(tmp_path / "run.npz")
+    assert afl.Trajectory.load(tmp_path / "run.npz").metrics == run.metrics
+
+
+@pytest.mark.parametrize("simulate", [afl.simulate_ode_rk4, afl.simulate_ode_held])
+def test_every_simulator_of_equations_takes_a_controller_by_its_name(simulate) -> None:
+    plant = known("cart_double_pendulum.py:plant")
+    lean = afl.Scenario(name="lean", plant=plant, duration=0.2, initial_state={"lower": 0.02})
+    run, reference = simulate(lean, "lqr"), afl.simulate_ode(lean, "lqr")
+    np.testing.assert_allclose(run.state[-1], reference.state[-1], atol=1e-3)
+    own = simulate(lean, lambda time, state, belief: belief.payload * state[0])
+    assert own.outcome.kind == "completed"
+    with pytest.raises(InvalidValueError, match="controller 'adaptive' is of the cart-pole"):
+        simulate(lean, "adaptive")
+
+
+def test_a_map_keeps_within_end_stops_by_default(tmp_path) -> None:
+    (tmp_path / "rail.toml").write_text("[imperfections]\nend_stops = { z = 0.6 }\n")
+    found = prepare(Options(scenario=str(tmp_path / "rail.toml"), axes=("z", "phi"), grid=3))
+    assert np.abs(found.angles).max() < 0.6
