@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -168,13 +169,8 @@ def predicted_by_pole(
     starts: Starts, values: Mapping[str, float], description: Description
 ) -> Array:
     """Return the predicted readings of the angle for a known motion of the cart, shape (B, n)."""
-    w = starts.windows
-    driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
-
-    def read(own: Array) -> Array:
-        return pole.readings(values, driven.angles(values, own), w.turns)
-
-    scale = description.angle_count or 1e-6
+    w, scale = starts.windows, description.angle_count or 1e-6
+    read = partial(pole.Drive(w, description.nominal.gravity).readings, values)
     own = fitted_starts(
         lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
         pole.START_SCALE,
@@ -195,10 +191,10 @@ def predicted_by_rig(
     The scatter of position and angle [m, rad] weights their readings.
     """
     w = starts.windows
-    whole = rig.Rig(windows=w, description=description, workers=workers)
+    whole = rig.Rig(w, description, workers)
     names = ("time", "phi", "turns", "z", "there", "valid")
     first = replace(w, **{name: getattr(w, name)[:, : starts.past] for name in names})
-    past = rig.Rig(windows=first, description=description, workers=workers)
+    past = rig.Rig(first, description, workers)
     measured, before = np.stack([first.z, first.phi], axis=1), starts.before[:, : starts.past]
     weights = np.stack([first.there, before], axis=1) / np.array(scatter)[:, None]
 

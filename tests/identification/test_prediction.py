@@ -91,7 +91,7 @@ def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.007, 0.0), (0.003, 0.02)])
 def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, lag: float) -> None:
     values = {**VALUES, "delay": delay, "lag": lag, "bias": 0.05}
-    forces = rig.Rig(windows=windows, description=TRUTH.description).forces(values)
+    forces = rig.Rig(windows, TRUTH.description).forces(values)
     (log,) = windows.logs
     fine = np.arange(0.0, log.duration, 1e-5)  # by brute force: Euler at 10 us
     command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]
