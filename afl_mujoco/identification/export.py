@@ -89,10 +89,10 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
             lag=max(0.0, values["lag"]),
             input_limit=physical(values, d)["force"] * d.command.limit,
             encoder_step={
-                "z": d.position_count,
-                "phi": values.get("angle_scale", 1.0) * d.angle_count,
+                "z": d.z.count,
+                "phi": values.get("angle_scale", 1.0) * d.phi.count,
             },
-            differentiated=d.position_count > 0.0 and d.angle_count > 0.0,
+            differentiated=d.z.count > 0.0 and d.phi.count > 0.0,
             end_stops={} if rail is None else {"z": rail},
         ),
         requirements=Requirements(max={} if rail is None else {"z": rail}),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -152,12 +152,12 @@ def errors_of(
                 horizon=horizon,
                 rms_phi=v["angle_scale"] * _rms(off),
                 rms_z=_rms(z_off) if position else None,
-                counts_phi=_counts(off, d.angle_count),
-                counts_z=_counts(z_off, d.position_count) if position else None,
+                counts_phi=_counts(off, d.phi.count),
+                counts_z=_counts(z_off, d.z.count) if position else None,
                 explained_phi=explained(v["angle_scale"] * off, angle[there, rows][good]),
                 explained_z=explained(z_off, w.z[there, rows][near]) if position else None,
-                away_phi=_counts(off[away], d.angle_count) if away.any() else None,
-                clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
+                away_phi=_counts(off[away], d.phi.count) if away.any() else None,
+                clear_phi=_counts(off[clear], d.phi.count) if clear.any() else None,
                 starts=int(good.sum()),
                 away=int(away.sum()),
             )
@@ -169,7 +169,7 @@ def predicted_by_pole(
     starts: Starts, values: Mapping[str, float], description: Description
 ) -> Array:
     """Return the predicted readings of the angle for a known motion of the cart, shape (B, n)."""
-    w, scale = starts.windows, description.angle_count or 1e-6
+    w, scale = starts.windows, description.phi.count or 1e-6
     read = partial(pole.Drive(w, description.nominal.gravity).readings, values)
     own = fitted_starts(
         lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
@@ -192,8 +192,7 @@ def predicted_by_rig(
     """
     w = starts.windows
     whole = rig.Rig(w, description, workers)
-    names = ("time", "phi", "turns", "z", "there", "valid")
-    first = replace(w, **{name: getattr(w, name)[:, : starts.past] for name in names})
+    first = w.some(rows=starts.past)
     past = rig.Rig(first, description, workers)
     measured, before = np.stack([first.z, first.phi], axis=1), starts.before[:, : starts.past]
     weights = np.stack([first.there, before], axis=1) / np.array(scatter)[:, None]
