@@ -48,7 +48,6 @@ DIFFERENT, SURELY = 0.1, 6.0
 different cart-poles."""
 
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
-ALIKE = 0.9  # correlation above which two estimates are hard to tell apart
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
@@ -72,17 +71,6 @@ class Step:
         count = len(self.estimates)
         square = len(self.correlations) == count == max(map(len, self.correlations), default=0)
         return square and self.scatter_phi > 0.0 and (self.scatter_z is None or self.scatter_z > 0)
-
-    @property
-    def alike(self) -> list[tuple[str, str, float]]:
-        """The pairs that are hard to tell apart, with their correlations."""
-        names, found = [one.name for one in self.estimates], np.array(self.correlations)
-        return [
-            (names[i], names[j], float(found[i, j]))
-            for i in range(len(names))
-            for j in range(i)
-            if abs(found[i, j]) >= ALIKE
-        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,6 +97,13 @@ class Identified:
     def values(self) -> dict[str, float]:
         """Every estimate of the two steps by name."""
         return {one.name: one.value for step in self.steps for one in step.estimates}
+
+    def scatter(self) -> tuple[float, float]:
+        """Return the scatter of position and angle about the whole model, or raise without it."""
+        if self.drive is None or self.drive.scatter_z is None:
+            rule = "must include cart and drive: the command of every log is constant"
+            raise InvalidValueError("estimates", rule)
+        return self.drive.scatter_z, self.drive.scatter_phi
 
     def find(self, name: str) -> Estimate:
         """Return an estimate by name."""
@@ -287,7 +282,7 @@ class _Drive(NamedTuple):
 
     def _finished(self, known: Mapping[str, float], guess: Fit) -> Fit:
         """Fit all windows from a first guess; parameters on a bound stay there."""
-        found = [guess.estimates[one.name] for one in guess.parameters]
+        found = guess.estimates.values()
         parameters = [
             one._replace(start=x.value, low=x.value, high=x.value) if x.on_bound
             else one._replace(start=x.value)

@@ -78,16 +78,12 @@ def beside(identified: Identified, log: Log) -> Shown | None:
     """Return a log beside the model; None without a drive, or if the log is too short."""
     from afl_mujoco.identification.prediction import predicted_by_rig, starts_of
 
-    if identified.drive is None:
-        return None
     try:
-        starts = starts_of([log], AHEAD, AHEAD, AHEAD)
-    except InvalidValueError:  # too short a log is no reason to lose what was identified
+        starts, scatter = starts_of([log], AHEAD, AHEAD, AHEAD), identified.scatter()
+    except InvalidValueError:  # neither is a reason to lose what was identified
         return None
-    drive, values = identified.drive, identified.values
-    scatter = (drive.scatter_z or 1e-3, drive.scatter_phi)
-    read, _ = predicted_by_rig(starts, values, identified.description, scatter)
-    return shown_of(log, starts, read, values)
+    read, _ = predicted_by_rig(starts, identified.values, identified.description, scatter)
+    return shown_of(log, starts, read, identified.values)
 
 
 # --- what is shown ------------------------------------------------------------------------------
