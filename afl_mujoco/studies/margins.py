@@ -39,6 +39,7 @@ from afl_mujoco.studies.shared.loop_margins import (
     linearize,
     loop_margins,
     require_rest,
+    target_of,
 )
 from afl_mujoco.studies.shared.search import find_threshold, scan_levels
 from afl_mujoco.studies.shared.tables import heat
@@ -105,6 +106,16 @@ class Point(NamedTuple):
         own, r = bound(self.controller, self.scenario), self.scenario.imperfections
         linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
         return self._replace(controller=own, scenario=replace(self.scenario, imperfections=linear))
+
+    def row(
+        self, names: Sequence[str], loop: str, name: str, stable: bool, **found: float | None
+    ) -> Row:
+        """Return what was found at an input, by the parameters that vary."""
+        parameters = {key: self.scenario.nominal[key] for key in names}
+        return Row(
+            controller=self.controller.name, loop=loop, input=name, parameters=parameters,
+            stable=stable, **found,
+        )  # fmt: skip
 
 
 class Request(NamedTuple):
@@ -267,8 +278,8 @@ def value_of(row: Row, metric: str) -> float:
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Survey the margins and measure delays; the result does not depend on the workers."""
     r, s = request, request.scenario
-    reasons = {one.name: why_not_linear(one) for one in r.controllers}
-    not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
+    reasons = ((one.name, why_not_linear(one)) for one in r.controllers)
+    not_linear = {name: reason for name, reason in reasons if reason is not None}
     linear = [one for one in r.controllers if one.name not in not_linear]
     points = [r.point(one, plant) for one in linear for plant in r.plants]
     rows: list[Row] = []
@@ -342,22 +353,8 @@ def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError
         for i, name in enumerate(loop.inputs):
             own = {} if found is None else asdict(found[i])
             finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
-            rows.append(_row(point, names, kind, name, stable=found is not None, **finite))
+            rows.append(point.row(names, kind, name, found is not None, **finite))
     return rows
-
-
-def _row(
-    point: Point, names: Sequence[str], loop: str, name: str, *, stable: bool, **found: float | None
-) -> Row:
-    nominal = point.scenario.nominal
-    return Row(
-        controller=point.controller.name,
-        loop=loop,
-        input=name,
-        parameters={key: nominal[key] for key in names},
-        stable=stable,
-        **found,
-    )
 
 
 # --- small motions in MuJoCo --------------------------------------------------------------------
@@ -402,7 +399,7 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
             held = inputs_at_rest(point)
         stable = motion_decays(point, Change(held=held))
         for i, name in enumerate(inputs):
-            least = partial(_least, point, Change(i, held))
+            least = partial(_least, point, i, held)
             tolerated: dict[str, float | None] = {}
             if linear:
                 about = found[i].delay if found is not None else math.inf
@@ -413,7 +410,7 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
                 tolerated["gain_decrease"] = least("gain", [1.0 / x for x in GAINS])
                 tolerated["gain_increase"] = least("gain", GAINS)
                 tolerated["delay"] = least("delay", DELAYS)
-            rows.append(_row(point, names, MEASURED, name, stable=stable, **tolerated))
+            rows.append(point.row(names, MEASURED, name, stable, **tolerated))
     except AflMujocoError as error:
         return error
     return rows
@@ -429,13 +426,14 @@ class Change(NamedTuple):
 
 
 def _least(
-    point: Point, change: Change, what: str, scan: list[float], tolerance: float = ROUGHLY
-) -> float | None:
+    point: Point, place: int, held: Sequence[float], what: str, scan: list[float],
+    tolerance: float = ROUGHLY,
+) -> float | None:  # fmt: skip
     """Return the delay or gain from which a small motion grows; 0 below the scan, None beyond."""
 
     def holds(level: float) -> bool:
         changed: Any = {what: level}
-        return motion_decays(point, change._replace(**changed))
+        return motion_decays(point, Change(place, held, **changed))
 
     found = find_threshold(holds, scan, tolerance)
     if found.fails_at is None:
@@ -469,8 +467,7 @@ def motion_decays(point: Point, change: Change) -> bool:
     run = small_motion(point, change, START, DURATION)
     if run.outcome.kind != COMPLETED:
         return False
-    target = np.array([*point.scenario.target, *np.zeros(len(point.scenario.target))])
-    return decays(np.abs(run.state - target))
+    return decays(np.abs(run.state - target_of(point.scenario)))
 
 
 def decays(away: NDArray[np.float64]) -> bool:
@@ -490,7 +487,7 @@ def small_motion(point: Point, change: Change, start: float, duration: float) ->
         s,
         name="small motion",
         duration=max(1, round(duration / period)) * period,
-        initial_state=[*(x + start for x in s.target), *([0.0] * len(s.target))],
+        initial_state=target_of(s) + np.repeat([start, 0.0], len(s.target)),
         imperfections=replace(r, control_period=None, delay=delays, input_limit=None),
     )
 
@@ -588,12 +585,12 @@ def _delays(result: Result) -> tuple[list[str], dict[str, list[tuple[int, str]]]
     if len(plants) > 6:
         plants = [plants[0], plants[-1]]
     cells: dict[str, list[tuple[int, str]]] = {}
-    for controller in dict.fromkeys(row.controller for row in result.rows):
+    names = dict.fromkeys(row.controller for row in result.rows)
+    for controller, name in itertools.product(names, result.inputs):
         kind = HELD if controller in result.controllers else MEASURED
-        for name in result.inputs:
-            known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
-            label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
-            cells[label] = [_graded(known.get(plant)) for plant in plants]
+        known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
+        label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
+        cells[label] = [_graded(known.get(plant)) for plant in plants]
     return [_place(result, dict(plant), "\n") for plant in plants], cells
 
 
@@ -639,7 +636,7 @@ def _measured(result: Result, name: str, one: str) -> Cell:
     pairs = [(linear[str(row.parameters)], row) for row in result.of(name, MEASURED, one)]
     away = [x for pair in pairs if (x := difference(*pair)) is not None]
     most = max(away, key=abs, default=None)
-    text = MISSING if most is None else f"{'+' * (most > 0.0)}{percent(most, 2)}"
+    text = "+" * (most is not None and most > 0.0) + percent(most, 2)
     return Cell(text, "" if all(agree(*pair) for pair in pairs) else "bad")
 
 
