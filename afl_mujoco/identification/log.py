@@ -297,6 +297,7 @@ class Windows:
     # that are too short
     dropped: int
     share: float  # share of the duration of the logs that lies in a window [1]
+    past: int  # number of rows to which a state to predict from is fitted, the last its own
 
     @property
     def whole(self) -> NDArray[np.bool_]:
@@ -321,6 +322,17 @@ class Windows:
         spare = float(np.diff(self.time, axis=1).max())
         return int(np.ceil((longest + spare) / self.step - 1e-6))
 
+    @property
+    def before(self) -> Floats:
+        """1 where a reading of the angle is fitted before the start, else 0, shape (B, n)."""
+        return self.valid * (np.arange(self.valid.shape[1]) < self.past)
+
+    def rows(self, horizon: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the row nearest to a time after the start [s], and whether it is near, (B,)."""
+        distance = np.abs(self.time - self.time[:, self.past - 1 : self.past] - horizon)
+        found: NDArray[np.int64] = np.argmin(distance, axis=1)
+        return found, distance.min(axis=1) <= 0.6 * self.spacing
+
 
 def stride_of(period: float) -> int:
     """Return n if every n-th row is read, for a time between rows [s]."""
@@ -333,7 +345,7 @@ def cut(
     every: float,
     *,
     seen: int = SEEN,
-    head: int = 2 * SEEN,
+    past: int = 0,
     gap: float = GAP,
     least: int | None = LEAST,
 ) -> Windows:
@@ -346,7 +358,7 @@ def cut(
     stride = stride_of(period)
     rows = max(2, round(length / (stride * period))) + 1
     apart = stride * max(1, round(every / (stride * period)))
-    least, head = rows if least is None else min(least, rows), min(rows, head)
+    least, head = rows if least is None else min(least, rows), min(rows, past or 2 * SEEN)
     columns: dict[str, list[NDArray[Any]]] = {}
     numbers, starts, dropped, covered = [], [], 0, 0.0
     for number, log in enumerate(logs):
@@ -377,6 +389,7 @@ def cut(
         step=stride * period / max(1, round(stride * period / STEP)),
         dropped=dropped,
         share=min(1.0, covered / sum(log.duration for log in logs)),
+        past=past,
     )
 
 

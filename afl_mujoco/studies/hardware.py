@@ -211,7 +211,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     progress("judging", 2, 3)
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
-    most = int(np.bincount(starts.windows.log).argmax())
+    most = int(np.bincount(starts.log).argmax())
     survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
     progress("judging", 3, 3)
     return Result(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.identification import pole, prediction, rig
-from afl_mujoco.identification.log import cut, log_of
+from afl_mujoco.identification.log import Windows, cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -15,22 +15,20 @@ SCATTER = (TRUTH.position_count, TRUTH.count)
 
 
 @pytest.fixture(scope="module")
-def starts() -> prediction.Starts:
+def starts() -> Windows:
     return prediction.starts_of([log_of("a", swing(TRUTH, 8), D)], 0.3, 0.5, 0.1)
 
 
 def test_starts_are_where_they_should_be_and_nothing_predicted_is_fitted(starts) -> None:
-    w = starts.windows
+    w = starts
     assert starts.past == 16 and np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
     rows, near = starts.rows(0.2)
     assert near.all()
     after = w.time[np.arange(w.count), rows] - w.time[:, starts.past - 1]
     assert after == pytest.approx(0.2, rel=1e-3)
-    w = starts.windows
-    spoilt = replace(w, phi=w.phi.copy(), z=w.z.copy())
-    spoilt.phi[:, starts.past :] += 0.5
-    spoilt.z[:, starts.past :] += 0.1
-    other = replace(starts, windows=spoilt)
+    other = replace(w, phi=w.phi.copy(), z=w.z.copy())
+    other.phi[:, w.past :] += 0.5
+    other.z[:, w.past :] += 0.1
     assert np.array_equal(*(prediction.predicted_by_pole(s, VALUES, D) for s in (starts, other)))
     here, there = (prediction.predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (starts, other))
     assert np.array_equal(here, there)
@@ -47,7 +45,7 @@ def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_s
     )
     assert driven.counts_phi < 3.0
     assert driven.rms_z is driven.counts_z is driven.explained_z is None
-    w = starts.windows
+    w = starts
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
     (found,) = prediction.errors_of(starts, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
     assert found.rms_z == pytest.approx(0.002) and found.counts_z == pytest.approx(20.0)
@@ -60,10 +58,10 @@ def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_s
 
 
 def test_readings_that_say_nothing_are_not_judged_and_going_straight_on_is_no_model(starts) -> None:
-    w = starts.windows
+    w = starts
     valid = w.valid.copy()
     valid[::2, -1] = 0.0
-    some = replace(starts, windows=replace(w, valid=valid))
+    some = replace(w, valid=valid)
     read = np.stack([w.z, w.phi], axis=1)
     read[::2, 1, -1] += 9.0
     (found,) = prediction.errors_of(some, read, (0.5,), VALUES, D)

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.prediction import Starts
+from afl_mujoco.identification.log import Log, Windows
 from afl_mujoco.studies.shared.arrays import Array
 
 Values = NDArray[np.float64]
@@ -33,10 +32,10 @@ class Shown:
 
 
 def shown_of(
-    log: Log, starts: Starts, read: Values, values: dict[str, float], number: int = 0
+    log: Log, w: Windows, read: Values, values: dict[str, float], number: int = 0
 ) -> Shown:
     """Return a log, by its number among the logs, beside its predictions, one after the other."""
-    w, first, turn = starts.windows, starts.past - 1, 2.0 * np.pi
+    first, turn = w.past - 1, 2.0 * np.pi
     scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
     chosen, free_from = [], -np.inf
     for b in np.flatnonzero(w.log == number).tolist():
