@@ -99,6 +99,7 @@ class Point(NamedTuple):
     scenario: Scenario  # of constant parameters
     period: float = PERIOD  # of the held inputs [s]
     timestep: float | None = None  # [s]; None for the longest up to 1 ms that divides the period
+    varied: tuple[str, ...] = ()  # the parameters in which it differs from others
 
     @property
     def linear(self) -> Point:
@@ -107,14 +108,12 @@ class Point(NamedTuple):
         linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
         return self._replace(controller=own, scenario=replace(self.scenario, imperfections=linear))
 
-    def row(
-        self, names: Sequence[str], loop: str, name: str, stable: bool, **found: float | None
-    ) -> Row:
-        """Return what was found at an input, by the parameters that vary."""
-        parameters = {key: self.scenario.nominal[key] for key in names}
+    def row(self, loop: str, name: str, stable: bool, **found: float | None) -> Row:
+        """Return what was found at an input."""
+        nominal = self.scenario.nominal
         return Row(
-            controller=self.controller.name, loop=loop, input=name, parameters=parameters,
-            stable=stable, **found,
+            controller=self.controller.name, loop=loop, input=name,
+            parameters={key: nominal[key] for key in self.varied}, stable=stable, **found,
         )  # fmt: skip
 
 
@@ -144,7 +143,7 @@ class Request(NamedTuple):
             ranges=FIXED,
             belief=s.belief.known(s.nominal),
         )
-        return Point(controller, here, self.period, self.timestep)
+        return Point(controller, here, self.period, self.timestep, tuple(self.axes))
 
     def require(self) -> Request:
         """Raise unless one controller has slopes, or small motions, on the first plant."""
@@ -283,19 +282,19 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     linear = [one for one in r.controllers if one.name not in not_linear]
     points = [r.point(one, plant) for one in linear for plant in r.plants]
     rows: list[Row] = []
-    found = compute(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
+    found = compute(margins_at, points, "linearising", progress, workers)
     for point, some in zip(points, found, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear.setdefault(point.controller.name, str(some))
         else:
             rows += some
     units = [
-        (r.point(one, plant), tuple(r.axes), one.name not in not_linear)
+        (r.point(one, plant), one.name not in not_linear)
         for one in sorted(r.controllers, key=lambda one: one.name in not_linear)
         for plant in r.measured
     ]
     measured = compute(measure, units, "measuring", progress, workers)
-    for (point, *_), some in zip(units, measured, strict=True):
+    for (point, _), some in zip(units, measured, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear[point.controller.name] = str(some)
         else:
@@ -340,7 +339,7 @@ def refusal(point: Point) -> AflMujocoError | None:
     return None
 
 
-def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError:
+def margins_at(point: Point) -> list[Row] | AflMujocoError:
     """Return margins of the continuous and of the held loop, or why there is no linearisation."""
     try:
         point = point.linear
@@ -353,7 +352,7 @@ def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError
         for i, name in enumerate(loop.inputs):
             own = {} if found is None else asdict(found[i])
             finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
-            rows.append(point.row(names, kind, name, found is not None, **finite))
+            rows.append(point.row(kind, name, found is not None, **finite))
     return rows
 
 
@@ -385,10 +384,9 @@ AT_REST = 1.0  # length of the run that shows whether the target is an equilibri
 STILL = 1e-6  # how far inputs may stray in it [N, N m] and the state end from its target [m, rad]
 
 
-def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoError:
+def measure(unit: tuple[Point, bool]) -> list[Row] | AflMujocoError:
     """Return what one loop tolerates in MuJoCo, gains too if it is not linear; or why not."""
-    point, names, linear = unit
-    inputs, rows = point.scenario.plant.inputs, []
+    (point, linear), rows = unit, []
     try:
         point = point.linear
         if linear:
@@ -398,7 +396,7 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
         else:
             held = inputs_at_rest(point)
         stable = motion_decays(point, Change(held=held))
-        for i, name in enumerate(inputs):
+        for i, name in enumerate(point.scenario.plant.inputs):
             least = partial(_least, point, i, held)
             tolerated: dict[str, float | None] = {}
             if linear:
@@ -410,7 +408,7 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
                 tolerated["gain_decrease"] = least("gain", [1.0 / x for x in GAINS])
                 tolerated["gain_increase"] = least("gain", GAINS)
                 tolerated["delay"] = least("delay", DELAYS)
-            rows.append(point.row(names, MEASURED, name, stable, **tolerated))
+            rows.append(point.row(MEASURED, name, stable, **tolerated))
     except AflMujocoError as error:
         return error
     return rows
@@ -479,7 +477,7 @@ def decays(away: NDArray[np.float64]) -> bool:
 
 def small_motion(point: Point, change: Change, start: float, duration: float) -> Trajectory:
     """Return a run from a deviation [m, rad] in sampled mode, of whole control periods."""
-    controller, s, period, timestep = point
+    controller, s, period, timestep, _ = point
     r, plant, i = s.imperfections, s.plant, change.place
     name = plant.inputs[i]
     delays = {one: r.of_input("delay", one) + change.delay * (one == name) for one in plant.inputs}
