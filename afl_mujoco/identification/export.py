@@ -166,11 +166,13 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
         readings[tick] = run_state.measured[:n]
     commands = np.clip(run.command[steps].reshape(len(steps), k), *scenario.limits.T)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
+    names = ("time", *plant.coordinates, *plant.inputs)
+    columns = dict(zip(names, [run.time[steps], *readings.T, *commands.T], strict=True))
     if not scenario.is_cart_pole:
-        names = ("time", *plant.coordinates, *plant.inputs)
-        write_log(files[0], np.vstack([run.time[steps], readings.T, commands.T]), names)
+        write_log(files[0], columns)
         return files[:1]
-    write_log(files[0], np.vstack([run.time[steps], readings.T[::-1], commands.T]))
+    own = {"time": "time", "phi": "phi", "z": "z", "command": "force"}
+    write_log(files[0], {name: columns[of] for name, of in own.items()})
     described = Description(
         name=scenario.name,
         period=period,

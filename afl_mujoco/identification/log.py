@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,12 +94,11 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
     return [read_log(file, description) for file in files]
 
 
-def write_log(
-    path: Path, columns: Floats, names: Sequence[str] = ("time", "phi", "z", "command")
-) -> None:
-    """Write columns of numbers in SI units as a log, by default with the default names."""
+def write_log(path: Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns of numbers in SI units as a log, by their names."""
+    rows, header = np.stack([*columns.values()], axis=1), ",".join(columns)
     with atomic_file(path) as temporary:
-        np.savetxt(temporary, columns.T, "%.9g", ",", header=",".join(names), comments="")
+        np.savetxt(temporary, rows, "%.9g", ",", header=header, comments="")
 
 
 def log_of(name: str, table: dict[str, Floats], description: Description) -> Log:
@@ -359,8 +357,7 @@ def cut(
     rows = max(2, round(length / (stride * period))) + 1
     apart = stride * max(1, round(every / (stride * period)))
     least, head = rows if least is None else min(least, rows), min(rows, past or 2 * SEEN)
-    columns: dict[str, list[NDArray[Any]]] = {}
-    numbers, starts, dropped, covered = [], [], 0, 0.0
+    parts, numbers, starts, dropped, covered = [], [], [], 0, 0.0
     for number, log in enumerate(logs):
         ends = np.flatnonzero(np.diff(log.slots) > gap * stride)
         for first, last in zip([0, *(ends + 1)], [*ends, len(log.time) - 1], strict=True):
@@ -371,8 +368,7 @@ def cut(
                 if len(there) < least or part["valid"][:head].sum() < min(head, seen):
                     dropped += 1
                     continue
-                for name, column in part.items():
-                    columns.setdefault(name, []).append(column)
+                parts.append(part)
                 numbers.append(number)
                 starts.append(_start(log, row, last, stride))
                 covered += float(part["time"][there[-1]] - part["time"][0])
@@ -383,7 +379,7 @@ def cut(
     return Windows(
         logs=logs,
         log=np.array(numbers, dtype=np.int64),
-        **{name: np.array(found, dtype=np.float64) for name, found in columns.items()},
+        **{name: np.array([part[name] for part in parts]) for name in parts[0]},
         starts=np.array(starts).reshape(len(numbers), 4),
         spacing=stride * period,
         step=stride * period / max(1, round(stride * period / STEP)),

@@ -30,7 +30,7 @@ def columns() -> dict[str, np.ndarray]:
 
 def written(folder, columns: dict[str, np.ndarray]):
     path = folder / "mine.csv"
-    write_log(path, np.array([columns[name] for name in ("time", "phi", "z", "command")]))
+    write_log(path, columns)
     return path
 
 
