@@ -247,15 +247,8 @@ def test_the_table_has_the_worst_of_the_stable_plants_and_what_was_measured() ->
 
 def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() -> None:
     def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> margins.Row:
-        place = {"cart_mass": mass, "half_length": 0.05}
-        return margins.Row(
-            controller=name,
-            loop=margins.MEASURED,
-            input="force",
-            parameters=place,
-            stable=stable,
-            **found,
-        )
+        own = {"parameters": {"cart_mass": mass, "half_length": 0.05}, "input": "force"}
+        return margins.Row(controller=name, loop=margins.MEASURED, stable=stable, **own, **found)
 
     result = replace(
         MADE_UP,
