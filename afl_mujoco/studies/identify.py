@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import tyro
 
@@ -41,18 +41,14 @@ class Options:
     for your own logs."""
 
 
-class Request(NamedTuple):
-    """What is identified."""
-
-    logs: Sequence[Log]
-    description: Description
+Request = tuple[Sequence[Log], Description]
 
 
 def prepare(options: Options) -> Request:
     """Return the logs and what they mean, or raise."""
     from afl_mujoco.identification.prediction import FIT, described_logs
 
-    return Request(*described_logs(options.logs, options.description, [FIT]))
+    return described_logs(options.logs, options.description, [FIT])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,9 +64,9 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     """Identify the cart-pole."""
     from afl_mujoco.identification.identify import identify
 
-    told = partial(progress, "identifying")
-    identified = identify(request.logs, request.description, workers=workers, progress=told)
-    longest = max(request.logs, key=lambda one: one.duration)
+    (logs, description), told = request, partial(progress, "identifying")
+    identified = identify(logs, description, workers=workers, progress=told)
+    longest = max(logs, key=lambda one: one.duration)
     return Result(identified=identified, shown=beside(identified, longest))
 
 
