@@ -29,7 +29,7 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
-from afl_mujoco.studies.shared.identified_parts import Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.identified_parts import Shown, draw_log, shown_of
 from afl_mujoco.studies.shared.run import run_all
 
 MOST_DRAWS = 100_000
@@ -393,7 +393,7 @@ def report(result: Result) -> Report:
         caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
         "recorded command, for half a second from each fitted state. Bands: twice the rms error "
         "of all recordings after that time.",
-        draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
+        draw=partial(draw_log, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
     )
     blocks += [figure, *([_outlook(result.survival)] if result.survival else [])]
     return Report(headline=headline, passed=result.passed, blocks=blocks)

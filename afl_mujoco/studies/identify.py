@@ -19,7 +19,7 @@ from afl_mujoco.identification.log import Log
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
 from afl_mujoco.report.numbers import percent, short
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
-from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_log, shown_of
 
 ESTIMATES, SCENARIO = "estimates.json", "identified.toml"
 
@@ -101,7 +101,7 @@ def report(result: Result) -> Report:
             title=f"{result.shown.name}, measured and simulated",
             caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state "
             "that was fitted to the half second before it.",
-            draw=partial(draw_shown, result.shown),
+            draw=partial(draw_log, result.shown),
         )
         blocks.append(figure)
     blocks.append(_estimates(one))
