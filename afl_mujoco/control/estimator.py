@@ -430,10 +430,3 @@ class EstimatedController(Controller):
             "estimator": asdict(self.settings),
             "belief": "estimated",
         }
-
-
-def require_no_estimator(controllers: Iterable[Controller]) -> None:
-    """Raise if a controller uses the estimator: call before runs that do not support it."""
-    for controller in controllers:
-        if controller.estimates:
-            raise InvalidValueError(f"controller {controller.name!r}", controller.not_compiled)
