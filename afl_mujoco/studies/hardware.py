@@ -250,19 +250,14 @@ def nominal_values(identified: Identified) -> dict[str, float]:
     """Return the parameters of pole and rig as the owners give them, with ideal sensors."""
     from afl_mujoco.identification import pole, rig
 
-    d = identified.description
-    n = d.nominal
-    whole, inertia = n.cart_mass + n.pole_mass, 4.0 / 3.0 * n.pole_mass * n.half_length**2
-    names = [one.name for one in (*pole.parameters_of(d), *rig.parameters_of(d))]
+    d, n = identified.description, identified.description.nominal
+    start = {one.name: one.start for one in (*pole.parameters_of(d), *rig.parameters_of(d))}
     return {
-        **dict.fromkeys(names, 0.0),
+        **dict.fromkeys(start, 0.0),
+        **{name: start[name] for name in ("gravity_term", "coupling", "mass_ratio", "gain")},
         "angle_scale": 1.0,
-        "gravity_term": n.gravity_term,
-        "coupling": 1.0,
-        "damping": n.hinge_damping / inertia,
-        "mass_ratio": n.pole_mass / whole,
-        "gain": n.force / whole,
-        "decay": n.rail_damping / whole,
+        "damping": n.hinge_damping / (4.0 / 3.0 * n.pole_mass * n.half_length**2),
+        "decay": n.rail_damping / (n.cart_mass + n.pole_mass),
     }
 
 
