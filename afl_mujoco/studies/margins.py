@@ -43,7 +43,7 @@ from afl_mujoco.studies.shared.loop_margins import (
 )
 from afl_mujoco.studies.shared.search import find_threshold, scan_levels
 from afl_mujoco.studies.shared.tables import heat
-from afl_mujoco.values import require_positive
+from afl_mujoco.values import require_distinct, require_positive
 
 if TYPE_CHECKING:
     import mujoco
@@ -153,9 +153,7 @@ class Request(NamedTuple):
         if not self.scenario.plant.inputs:
             rule = "must have an input at which a loop is broken"
             raise InvalidValueError(f"plant {self.scenario.plant.name!r}", rule)
-        names = [one.name for one in self.controllers]
-        if not names or len(set(names)) < len(names):
-            raise InvalidValueError("controllers", "must hold at least one, each once", names)
+        require_distinct("controller", [one.name for one in self.controllers])
         refused = [refusal(self.point(one, self.plants[0])) for one in self.controllers]
         if refused[0] is not None and None not in refused:
             raise refused[0]
