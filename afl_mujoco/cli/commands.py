@@ -187,14 +187,15 @@ class Log:
         from afl_mujoco.report.numbers import percent, short
         from afl_mujoco.report.style import save_figure, styled
         from afl_mujoco.report.terminal import print_blocks
-        from afl_mujoco.studies.shared.identified_parts import draw_log
+        from afl_mujoco.studies.shared.identified_parts import Shown, draw_log
 
         folder = output_folder(self.out)
         rows = []
         for log in logs:
             angle = np.where(log.valid, log.phi + 2.0 * np.pi * log.turns, np.nan)
+            shown = Shown(name=log.name, time=log.time, z=log.z, phi=angle, command=log.command)
             with styled():
-                figure = draw_log(log.time, log.z, angle, log.command)
+                figure = draw_log(shown)
             save_figure(figure, folder / f"{log.name}.png")
             rows.append(
                 (

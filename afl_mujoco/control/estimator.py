@@ -126,17 +126,15 @@ def filtered_state(filter_):
 def start(filter_, settings, z, phi):
     """Begin with the first measurement and return the initial estimates of M [kg] and l [m]."""
     filter_.nis = 0.0
-    for i in range(STATES):
-        filter_.state[i] = 0.0
-        for j in range(STATES):
-            filter_.covariance[i, j] = 0.0
+    filter_.state[:] = 0.0
+    filter_.covariance[:] = 0.0
+    filter_.excitation[:] = 0.0
     filter_.state[0], filter_.state[1] = z, phi
     filter_.covariance[0, 0] = settings.position_variance
     filter_.covariance[1, 1] = settings.angle_variance
     filter_.covariance[2, 2] = settings.speed_variance
     filter_.covariance[3, 3] = settings.rate_variance
     for i in range(2):
-        filter_.excitation[i] = 0.0
         filter_.state[4 + i] = settings.ln_start[i]
         filter_.covariance[4 + i, 4 + i] = settings.ln_variance[i]
     return estimate(filter_)
@@ -240,9 +238,7 @@ def _correct(filter_, which, measured, variance, learns):
             left = covariance[i, j] - gain[i] * row[j]
             crossed = row[i] - gain[i] * row[which]
             covariance[i, j] = left - crossed * gain[j] + gain[i] * variance * gain[j]
-    for i in range(STATES):
-        for j in range(i):
-            covariance[i, j] = covariance[j, i]
+            covariance[j, i] = covariance[i, j]
     return innovation * innovation / expected
 
 
@@ -335,31 +331,24 @@ class EstimatorSettings:
         lengths = self.half_length_range or _around(
             start.half_length, (*HALF_LENGTHS, self.initial_half_length)
         )
-        pole_mass = start.pole_mass if self.pole_mass is None else self.pole_mass
-        gravity = start.gravity if self.gravity is None else self.gravity
+        pole_mass, gravity = self.pole_mass or start.pole_mass, self.gravity or start.gravity
         assumed = PlantRange(masses, lengths, pole_mass, gravity)
-        found = np.zeros(1, SETTINGS)
-        lowest, highest = np.log([assumed.cart_mass, assumed.half_length]).T
-        values = {
-            "position_variance": self.position_noise**2,
-            "angle_variance": self.angle_noise**2,
-            "acceleration_intensity": self.acceleration_noise**2,
-            "least_variance": (self.cart_mass_accuracy**2, self.half_length_accuracy**2),
-            "least_excitation": (self.least_cart_acceleration, self.least_pole_acceleration),
-            "ln_start": np.log((self.initial_cart_mass, self.initial_half_length)),
-            "ln_variance": (self.cart_mass_spread**2, self.half_length_spread**2),
-            "ln_lowest": lowest,
-            "ln_highest": highest,
-            "speed_variance": self.speed_spread**2,
-            "rate_variance": self.rate_spread**2,
-            "excitation_memory": self.excitation_memory,
-            "pole_mass": assumed.pole_mass,
-            "gravity": assumed.gravity,
-            "force_sensed": self.force_sensed,
-        }
-        for name, value in values.items():
-            found[name] = value
-        return found[0], assumed
+        (found,) = np.zeros(1, SETTINGS)
+        found["position_variance"] = self.position_noise**2
+        found["angle_variance"] = self.angle_noise**2
+        found["acceleration_intensity"] = self.acceleration_noise**2
+        found["least_variance"] = self.cart_mass_accuracy**2, self.half_length_accuracy**2
+        found["least_excitation"] = self.least_cart_acceleration, self.least_pole_acceleration
+        found["ln_start"] = np.log((self.initial_cart_mass, self.initial_half_length))
+        found["ln_variance"] = self.cart_mass_spread**2, self.half_length_spread**2
+        found["ln_lowest"], found["ln_highest"] = np.log([masses, lengths]).T
+        found["speed_variance"], found["rate_variance"] = self.speed_spread**2, self.rate_spread**2
+        found["excitation_memory"], found["force_sensed"] = (
+            self.excitation_memory,
+            self.force_sensed,
+        )
+        found["pole_mass"], found["gravity"] = pole_mass, gravity
+        return found, assumed
 
 
 MORE = 1.25  # factor by which an estimate may go beyond the usual plants at either end
@@ -441,10 +430,3 @@ class EstimatedController(Controller):
             "estimator": asdict(self.settings),
             "belief": "estimated",
         }
-
-
-def require_no_estimator(controllers: Iterable[Controller]) -> None:
-    """Raise if a controller uses the estimator: call before runs that do not support it."""
-    for controller in controllers:
-        if controller.estimates:
-            raise InvalidValueError(f"controller {controller.name!r}", controller.not_compiled)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.files import parse_json, toml_as_json
@@ -17,6 +17,8 @@ from afl_mujoco.values import (
     NotNegative,
     Positive,
     check_fields,
+    require_distinct,
+    require_plausible,
     require_positive,
     table_of,
 )
@@ -29,9 +31,6 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 """SI value of each unit, by signal."""
 
 
-SMALLEST = 1e-4  # smallest mass, length and force in SI units; the largest is its inverse
-
-
 def _unit_of(signal: str) -> Check:
     def check(thing: str, value: Any) -> Any:
         if value not in UNITS[signal]:
@@ -41,27 +40,14 @@ def _unit_of(signal: str) -> Check:
     return check
 
 
-def _require_sign(thing: str, value: Any) -> Any:
-    if value not in (-1, 1):
-        raise InvalidValueError(thing, "must be 1 or -1", value)
-    return value
-
-
 def _require_zone(thing: str, value: Any) -> Any:
     if not value[0] < value[1]:
         raise InvalidValueError(thing, "must increase", list(value))
     return value
 
 
-def _require_likely(thing: str, value: Any) -> float:
-    number = require_positive(thing, value)
-    if not SMALLEST <= number <= 1.0 / SMALLEST:
-        raise InvalidValueError(thing, f"must lie in {SMALLEST:g} to {1.0 / SMALLEST:g}", number)
-    return number
-
-
-Sign = Annotated[int, _require_sign]
-Likely = Annotated[float, _require_likely]
+Sign = Literal[1, -1]
+Likely = Annotated[float, require_plausible]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,39 +59,44 @@ class TimeColumn(Checked):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AngleColumn(Checked):
+class SensorColumn(Checked):
+    """Readings of a sensor; values are in the unit of the readings, one of `UNITS`."""
+
+    column: str = ""  # header of the column
+    unit: str = ""
+    sign: Sign = 1  # -1 if the readings grow the other way
+    resolution: NotNegative = 0.0  # resolution of the readings
+
+    @property
+    def si(self) -> float:
+        """One unit of the readings [rad or m], signed."""
+        return self.sign * {**UNITS["phi"], **UNITS["z"]}[self.unit]
+
+    @property
+    def count(self) -> float:
+        """Resolution [rad or m]."""
+        return abs(self.si) * self.resolution
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AngleColumn(SensorColumn):
     """Angle of the pole: 0 upright, positive if it leans towards -z."""
 
-    column: str = "phi"  # header of the column
-    # unit of the readings and of the values below, one of `UNITS`
+    column: str = "phi"
     unit: Annotated[str, _unit_of("phi")] = "rad"
-    sign: Sign = 1  # -1 if the readings grow as the pole leans towards +z
     zero: Finite = 0.0  # reading of the upright pole, as far as it is known
-    resolution: NotNegative = 0.0  # resolution of the readings
     # start and end of the readings that are not valid, such as those of a potentiometer that does
     # not cover a whole turn; the scale is then identified too. None if every reading is valid and
     # the sensor measures whole turns
     dead_zone: Annotated[tuple[float, float], _require_zone] | None = None
 
-    @property
-    def radians(self) -> float:
-        """One unit of the readings [rad], signed."""
-        return self.sign * UNITS["phi"][self.unit]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PositionColumn(Checked):
+class PositionColumn(SensorColumn):
     """Position of the cart."""
 
-    column: str = "z"  # header of the column
-    unit: Annotated[str, _unit_of("z")] = "m"  # unit of readings and resolution, one of `UNITS`
-    sign: Sign = 1  # -1 if the readings grow towards -z
-    resolution: NotNegative = 0.0  # resolution of the readings
-
-    @property
-    def metres(self) -> float:
-        """One unit of the readings [m], signed."""
-        return self.sign * UNITS["z"][self.unit]
+    column: str = "z"
+    unit: Annotated[str, _unit_of("z")] = "m"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -157,25 +148,12 @@ class Description:
     def __post_init__(self) -> None:
         """Check every field by its type, and that no column is used for two signals."""
         check_fields(self)
-        names = list(self.columns.values())
-        for name in names:
-            if names.count(name) > 1:
-                raise InvalidValueError("column", "must be for one signal alone", repr(name))
+        require_distinct("column", list(self.columns.values()))
 
     @property
     def columns(self) -> dict[str, str]:
         """The header of each signal."""
         return {name: getattr(self, name).column for name in ("time", "phi", "z", "command")}
-
-    @property
-    def angle_count(self) -> float:
-        """Resolution of the angle [rad]."""
-        return abs(self.phi.radians) * self.phi.resolution
-
-    @property
-    def position_count(self) -> float:
-        """Resolution of the position [m]."""
-        return abs(self.z.metres) * self.z.resolution
 
 
 def load_description(path: str | Path) -> Description:

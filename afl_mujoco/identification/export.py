@@ -21,7 +21,6 @@ from afl_mujoco.identification.description import (
     to_table,
 )
 from afl_mujoco.identification.identify import Identified
-from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.rig import model_of, physical
 from afl_mujoco.scenario.belief import ERROR, Belief
@@ -54,15 +53,21 @@ def scenario_of(identified: Identified) -> Scenario:
     """
     base = with_values(identified, identified.values)
     found = {one.name: one for one in identified.physical}
-    varied: dict[str, tuple[float, float]] = {"phi": (-TILT, TILT)}
-    for path, name in (("damping.phi", "hinge_damping"), ("dry_friction.phi", "hinge_friction")):
-        _add(varied, path, found[name])
     whole = found["cart_mass"].value + identified.description.nominal.pole_mass
-    for name, ratio in (("damping.z", "decay"), ("dry_friction.z", "dry_deceleration")):
-        of = identified.find(ratio)  # at the M of the file: forces are proportional to masses
-        _add(varied, name, replace(of, low=whole * of.low, high=whole * of.high))
-    _add(varied, "delay", identified.find("delay"))
-    _add(varied, "lag", identified.find("lag"))
+    decay, dry = (  # at the M of the file: forces are proportional to masses
+        replace(of, low=whole * of.low, high=whole * of.high)
+        for of in map(identified.find, ("decay", "dry_deceleration"))
+    )
+    estimates = {
+        "damping.phi": found["hinge_damping"], "dry_friction.phi": found["hinge_friction"],
+        "damping.z": decay, "dry_friction.z": dry,
+        "delay": identified.find("delay"), "lag": identified.find("lag"),
+    }  # fmt: skip
+    varied = {"phi": (-TILT, TILT)} | {
+        path: (max(0.0, one.low), max(0.0, one.high))
+        for path, one in estimates.items()
+        if not one.on_bound
+    }
     for known in ("cart_mass", "half_length"):
         share = (found[known].high - found[known].value) / found[known].value
         varied[f"{known}{ERROR}"] = (-min(share, 0.9), share)
@@ -72,8 +77,7 @@ def scenario_of(identified: Identified) -> Scenario:
 
 def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
     """Return the scenario of a cart-pole with some values of its parameters."""
-    if identified.drive is None:
-        raise InvalidValueError("drive", "must be identified: the command of every log is constant")
+    identified.scatter()  # raises without a drive
     d = identified.description
     plant, friction = model_of(values, d)
     rail = d.nominal.rail_half_length
@@ -89,10 +93,10 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
             lag=max(0.0, values["lag"]),
             input_limit=physical(values, d)["force"] * d.command.limit,
             encoder_step={
-                "z": d.position_count,
-                "phi": values.get("angle_scale", 1.0) * d.angle_count,
+                "z": d.z.count,
+                "phi": values.get("angle_scale", 1.0) * d.phi.count,
             },
-            differentiated=d.position_count > 0.0 and d.angle_count > 0.0,
+            differentiated=d.z.count > 0.0 and d.phi.count > 0.0,
             end_stops={} if rail is None else {"z": rail},
         ),
         requirements=Requirements(max={} if rail is None else {"z": rail}),
@@ -129,12 +133,6 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
     ]
 
 
-def _add(varied: dict[str, tuple[float, float]], name: str, estimate: Estimate) -> None:
-    """Let a quantity vary over the interval of its estimate, if there is one."""
-    if not estimate.on_bound:
-        varied[name] = (max(0.0, estimate.low), max(0.0, estimate.high))
-
-
 def require_loggable(scenario: Scenario, controller: Controller, simulator: str) -> None:
     """Raise unless a run can be a log: sampled, without an estimator; a cart-pole is constant."""
     if simulator != "sampled":
@@ -168,27 +166,27 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
         readings[tick] = run_state.measured[:n]
     commands = np.clip(run.command[steps].reshape(len(steps), k), *scenario.limits.T)
     files = [folder / f"{stem}-log.csv", folder / f"{stem}-log.toml"]
+    names = ("time", *plant.coordinates, *plant.inputs)
+    columns = dict(zip(names, [run.time[steps], *readings.T, *commands.T], strict=True))
     if not scenario.is_cart_pole:
-        names = ("time", *plant.coordinates, *plant.inputs)
-        write_log(files[0], np.vstack([run.time[steps], readings.T, commands.T]), names)
+        write_log(files[0], columns)
         return files[:1]
-    write_log(files[0], np.vstack([run.time[steps], readings.T[::-1], commands.T]))
-    limit, nominal = r.input_limit, scenario.parameters_at(0.0)
+    own = {"time": "time", "phi": "phi", "z": "z", "command": "force"}
+    write_log(files[0], {name: columns[of] for name, of in own.items()})
     described = Description(
         name=scenario.name,
         period=period,
         phi=AngleColumn(resolution=r.at("encoder_step.phi")),
         z=PositionColumn(resolution=r.at("encoder_step.z")),
-        command=CommandColumn(limit=limit or float(np.abs(commands).max(initial=0.0)) or 1.0),
+        command=CommandColumn(
+            limit=r.input_limit or float(np.abs(commands).max(initial=0.0)) or 1.0
+        ),
         nominal=Nominal(
-            pole_mass=nominal.pole_mass,
-            half_length=nominal.half_length,
-            cart_mass=nominal.cart_mass,
+            **asdict(scenario.parameters_at(0.0)),
             force=1.0,
             hinge_damping=r.at("damping.phi"),
             rail_damping=r.at("damping.z"),
             rail_half_length=scenario.rail,
-            gravity=nominal.gravity,
         ),
     )
     write_text(files[1], tomli_w.dumps(to_table(described)))

@@ -13,14 +13,15 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import (
+    Errors,
     Estimate,
     Fit,
     Parameter,
-    Residuals,
+    Problem,
     by_cluster,
     fit_to_scatter,
     fitted_starts,
-    half_widths,
+    intervals,
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut
@@ -47,7 +48,6 @@ DIFFERENT, SURELY = 0.1, 6.0
 different cart-poles."""
 
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
-ALIKE = 0.9  # correlation above which two estimates are hard to tell apart
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
@@ -71,17 +71,6 @@ class Step:
         count = len(self.estimates)
         square = len(self.correlations) == count == max(map(len, self.correlations), default=0)
         return square and self.scatter_phi > 0.0 and (self.scatter_z is None or self.scatter_z > 0)
-
-    @property
-    def alike(self) -> list[tuple[str, str, float]]:
-        """The pairs that are hard to tell apart, with their correlations."""
-        names, found = [one.name for one in self.estimates], np.array(self.correlations)
-        return [
-            (names[i], names[j], float(found[i, j]))
-            for i in range(len(names))
-            for j in range(i)
-            if abs(found[i, j]) >= ALIKE
-        ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +97,13 @@ class Identified:
     def values(self) -> dict[str, float]:
         """Every estimate of the two steps by name."""
         return {one.name: one.value for step in self.steps for one in step.estimates}
+
+    def scatter(self) -> tuple[float, float]:
+        """Return the scatter of position and angle about the whole model, or raise without it."""
+        if self.drive is None or self.drive.scatter_z is None:
+            rule = "must include cart and drive: the command of every log is constant"
+            raise InvalidValueError("estimates", rule)
+        return self.drive.scatter_z, self.drive.scatter_phi
 
     def find(self, name: str) -> Estimate:
         """Return an estimate by name."""
@@ -168,22 +164,20 @@ def windows_of(logs: Sequence[Log]) -> Windows:
 def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Array]:
     """Identify the pole and the sensors alone; return the states at the first rows too, (B, 4)."""
     w, parameters = windows, pole.parameters_of(description)
-    driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
+    driven = pole.Drive(w, description.nominal.gravity)
     names = [one.name for one in parameters]
 
     def errors(shared: Array, starts: Array) -> Array:
         v = dict(zip(names, shared.tolist(), strict=True))
-        read = pole.readings(v, driven.angles(v, starts), w.turns)
-        return (w.valid * (read - w.phi))[:, None]
+        return (driven.readings(v, starts) - w.phi)[:, None]
 
-    guess, far = np.array([one.start for one in parameters]), 1e3  # every reading has full weight
+    problem = Problem(errors, errors, w.valid[:, None], w.log, pole.START_SCALE)
+    guess, far = np.array([one.start for one in parameters]), np.array([1e3])  # full weight for all
     starts = fitted_starts(
-        lambda own: errors(guess, own)[:, 0] / far, w.starts[:, [1, 3]], pole.START_SCALE
+        lambda own: problem.residuals(guess, own, far), w.starts[:, [1, 3]], pole.START_SCALE
     )
-    found = fit_to_scatter(
-        errors, w.valid[:, None], parameters, starts, w.log, start_scale=pole.START_SCALE
-    )
-    _require_one_rig(errors, w.valid[:, None], found, "gravity_term", w, pole.START_SCALE)
+    found = fit_to_scatter(problem, parameters, starts)
+    _require_one_rig(problem, found, "gravity_term", w)
     w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
     expected = parameters[0].start
     ratios = {"gravity term w2": w2 / expected, "coupling k": k}
@@ -200,14 +194,11 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     return found, whole
 
 
-def _require_one_rig(
-    errors: Residuals, mask: Array, found: Fit, name: str, windows: Windows, start_scale: Array
-) -> None:
+def _require_one_rig(problem: Problem, found: Fit, name: str, windows: Windows) -> None:
     """Raise if logs differ in a parameter, each by itself with the others as found."""
-    one = found.estimates[name]
-    values, sizes = by_cluster(errors, mask, found, name, windows.log, start_scale=start_scale)
+    one, alone = found.estimates[name], by_cluster(problem, found, name)
     names = [windows.logs[number].name for number in np.unique(windows.log)]
-    by_log = list(zip(values.tolist(), sizes.tolist(), names, strict=True))
+    by_log = [(*pair, name) for pair, name in zip(alone, names, strict=True)]
     sure = [x for x in by_log if x[1] < 0.5 * DIFFERENT * abs(x[0])]
     if not sure:
         return
@@ -215,17 +206,6 @@ def _require_one_rig(
     if high - low > max(DIFFERENT * abs(one.value), SURELY * np.hypot(low_error, high_error)):
         got = f"{one.title} {low:.4g} {one.unit} in {first} and {high:.4g} {one.unit} in {last}"
         raise InvalidValueError("logs", "must be of one cart-pole", got)
-
-
-def _require_cause(found: Fit, description: Description) -> None:
-    delay, high = found.estimates["delay"].value, found.estimates["delay"].high
-    if high < 0.0 and delay < -EARLY * description.period:
-        raise InvalidValueError(
-            description.command.column,
-            "must be in the row from which on it acts",
-            f"a force that acts {-1e3 * delay:.3g} ms before its row: shift the column by "
-            f"{-delay / description.period:.2g} rows and more",
-        )
 
 
 def _shows(fit: Fit, name: str) -> bool:
@@ -245,66 +225,75 @@ class _Drive(NamedTuple):
 
     def identify(self, progress: Progress) -> Fit:
         """Fit few windows, then all; with a lag only if it is significant."""
+        d, parameters = self.description, rig.parameters_of(self.description)
         known = _without_dry_friction(self.pole.by_name, self.windows)
-        parameters = rig.parameters_of(self.description)
-        some = max(1, min(COARSE, self.windows.count // ENOUGH))
-        without = {one.name: one.low for one in parameters if one.name == "lag"}
-        free = [
-            replace(one, low=-one.high) if one.name == "delay" else one
+        every = max(1, min(COARSE, self.windows.count // ENOUGH))
+        problem = self._problem(self.windows.some(every), parameters, known)
+        without = [
+            one._replace(start=one.low, high=one.low) if one.name == "lag"
+            else one._replace(low=-one.high) if one.name == "delay" else one
             for one in parameters
-            if one.name not in without
-        ]
-        found = self._fit(self.windows, some, {**known, **without}, free)
-        _require_cause(found, self.description)
+        ]  # fmt: skip
+        found = fit_to_scatter(problem, without, self.starts[::every])
+        delay = found.estimates["delay"]
+        if delay.high < 0.0 and delay.value < -EARLY * d.period:
+            raise InvalidValueError(
+                d.command.column,
+                "must be in the row from which on it acts",
+                f"a force that acts {-1e3 * delay.value:.3g} ms before its row: shift the column "
+                f"by {-delay.value / d.period:.2g} rows and more",
+            )
         progress(2, 4)
-        guess = {**found.by_name, "lag": 0.05 * self.description.period}
-        lagging = [replace(one, start=guess[one.name]) for one in parameters]
-        other = self._fit(self.windows, some, known, lagging)
+        guess = {**found.by_name, "lag": 0.05 * d.period}
+        lagging = [one._replace(start=guess[one.name]) for one in parameters]
+        other = fit_to_scatter(problem, lagging, self.starts[::every])
         progress(3, 4)
-        if not _shows(other, "lag") or not _shows(final := self._finished(known, other, {}), "lag"):
-            final = self._finished(known, found, without)
+        if not _shows(other, "lag") or not _shows(final := self._finished(known, other), "lag"):
+            final = self._finished(known, found)
         if not _shows(final, "gain"):
             raise InvalidValueError(
-                self.description.command.column,
+                d.command.column,
                 "must drive the cart: check its sign, and that each command is in its own row",
                 f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
             )
         return final
 
-    def _fit(
-        self, windows: Windows, every: int, known: Mapping[str, float], free: Sequence[Parameter]
-    ) -> Fit:
-        """Fit some parameters to every n-th window, with n = `every`.
+    def _problem(
+        self, windows: Windows, parameters: Sequence[Parameter], known: Mapping[str, float]
+    ) -> Problem:
+        """Return the problem of some parameters.
 
         Dry friction is exact, and the model that softens it gives the derivatives.
         """
-        w, names = windows.some(every), [one.name for one in free]
-        soft = rig.Rig(windows=w, description=self.description, workers=self.workers)
-        return fit_to_scatter(
-            _errors(replace(soft, exact=True), names, known), _mask(w), free, self.starts[::every],
-            w.log, start_scale=rig.START_SCALE, smooth=_errors(soft, names, known),
-        )  # fmt: skip
+        w, names = windows, [one.name for one in parameters]
+        measured, mask = np.stack([w.z, w.phi], axis=1), np.stack([w.there, w.valid], axis=1)
 
-    def _finished(self, known: Mapping[str, float], guess: Fit, bound: Mapping[str, float]) -> Fit:
+        def errors_of(model: rig.Rig) -> Errors:
+            def errors(shared: Array, own: Array) -> Array:
+                values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
+                return model.readings(values, own) - measured
+
+            return errors
+
+        exact, soft = (
+            errors_of(rig.Rig(w, self.description, self.workers, exact=x)) for x in (True, False)
+        )
+        return Problem(exact, soft, mask, w.log, rig.START_SCALE)
+
+    def _finished(self, known: Mapping[str, float], guess: Fit) -> Fit:
         """Fit all windows from a first guess; parameters on a bound stay there."""
-        bound = {**bound, **{n: one.value for n, one in guess.estimates.items() if one.on_bound}}
-        start = {**bound, **guess.by_name}
+        found = guess.estimates.values()
         parameters = [
-            replace(one, start=start[one.name]) for one in rig.parameters_of(self.description)
-        ]
-        free = [one for one in parameters if one.name not in bound]
+            one._replace(start=x.value, low=x.value, high=x.value) if x.on_bound
+            else one._replace(start=x.value)
+            for one, x in zip(rig.parameters_of(self.description), found, strict=True)
+        ]  # fmt: skip
         fine = replace(self.windows, step=self.windows.step / FINER)
-        final = self._fit(fine, 1, {**known, **bound}, free)
-        soft = rig.Rig(windows=fine, description=self.description, workers=self.workers)
-        names, mask = [one.name for one in free], _mask(fine)
-        errors = _errors(soft, names, {**known, **bound})
-        _require_one_rig(errors, mask, final, "gain", fine, rig.START_SCALE)
-        names += [one.name for one in self.pole.parameters]
-        final = with_uncertainty_of(
-            _errors(replace(soft, exact=True), names, bound), mask, final, self.pole,
-            start_scale=rig.START_SCALE, smooth=_errors(soft, names, bound),
-        )  # fmt: skip
-        return _with_bound(final, parameters, bound)
+        problem = self._problem(fine, parameters, known)
+        final = fit_to_scatter(problem, parameters, self.starts)
+        _require_one_rig(problem._replace(errors=problem.smooth), final, "gain", fine)
+        every = self._problem(fine, [*parameters, *self.pole.parameters], {})
+        return with_uncertainty_of(every, final, self.pole)
 
 
 def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[str, float]:
@@ -319,34 +308,6 @@ def _without_dry_friction(found: Mapping[str, float], windows: Windows) -> dict[
     return {**found, "damping": found["damping"] + share * found["friction"], "friction": 0.0}
 
 
-def _errors(model: rig.Rig, names: Sequence[str], known: Mapping[str, float]) -> Residuals:
-    measured = np.stack([model.windows.z, model.windows.phi], axis=1)
-
-    def errors(shared: Array, own: Array) -> Array:
-        values = {**known, **dict(zip(names, shared.tolist(), strict=True))}
-        return model.readings(values, own) - measured
-
-    return errors
-
-
-def _mask(windows: Windows) -> Array:
-    """Return 1 where a reading of position or angle is valid, else 0, shape (B, 2, n)."""
-    return np.stack([windows.there, windows.valid], axis=1)
-
-
-def _with_bound(fit: Fit, parameters: Sequence[Parameter], bound: Mapping[str, float]) -> Fit:
-    """Return a fit with the parameters that were held on a bound put back in their places."""
-    names = [one.name for one in parameters]
-    free = [i for i, name in enumerate(names) if name not in bound]
-    values, on_bound = np.array([bound.get(n, 0.0) for n in names]), np.ones(len(names), bool)
-    covariance = np.zeros((len(names), len(names)))
-    values[free], on_bound[free] = fit.values, fit.on_bound
-    covariance[np.ix_(free, free)] = fit.covariance
-    return replace(
-        fit, parameters=parameters, values=values, covariance=covariance, on_bound=on_bound
-    )
-
-
 def _step(fit: Fit, windows: Windows) -> Step:
     return Step(
         estimates=tuple(fit.estimates.values()),
@@ -358,41 +319,36 @@ def _step(fit: Fit, windows: Windows) -> Step:
 
 
 _PHYSICAL = {
-    "half_length": ("l of a uniform rod that falls alike", "m", {"gravity_term"}),
-    "cart_mass": ("M, with the inertia of the drive", "kg", {"mass_ratio"}),
-    "force": ("force of one of the command", "N", {"mass_ratio", "gain"}),
-    "rail_damping": ("rail damping, with the back-EMF", "N s/m", {"mass_ratio", "decay"}),
-    "rail_friction": ("dry friction of the rail", "N", {"mass_ratio", "dry_deceleration"}),
-    "hinge_damping": ("hinge damping", "N m s/rad", {"gravity_term", "damping"}),
-    "hinge_friction": ("dry friction of the hinge", "N m", {"gravity_term", "friction"}),
+    "half_length": ("m", "l of a uniform rod that falls alike"),
+    "cart_mass": ("kg", "M, with the inertia of the drive"),
+    "force": ("N", "force of one of the command"),
+    "rail_damping": ("N s/m", "rail damping, with the back-EMF"),
+    "rail_friction": ("N", "dry friction of the rail"),
+    "hinge_damping": ("N m s/rad", "hinge damping"),
+    "hinge_friction": ("N m", "dry friction of the hinge"),
 }
-"""Title and unit of each quantity of `rig.physical`, and the parameters it is computed from."""
+"""Unit and title of each quantity of `rig.physical`."""
 
 
 def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate, ...]:
-    """Return masses, forces and frictions with intervals, by linear propagation of errors."""
+    """Return masses, forces and frictions with intervals, by linear propagation of errors.
+
+    One that depends on an estimate on its bound has no interval either.
+    """
     values = {name: value for step in steps for name, value in step.by_name.items()}
     base = rig.physical(values, description)
-    variance = dict.fromkeys(base, 0.0)
+    variance, on_bound = np.zeros(len(base)), np.zeros(len(base), bool)
     for step in steps:  # the two steps are assumed to be independent
         slopes = np.zeros((len(base), len(step.values)))
         for i, one in enumerate(step.parameters):
             delta = 1e-6 * one.scale
             ahead = rig.physical({**values, one.name: values[one.name] + delta}, description)
             slopes[:, i] = [(ahead[name] - base[name]) / delta for name in base]
-        spread = np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
-        variance = {name: variance[name] + float(x) for name, x in zip(base, spread, strict=True)}
-    halves = half_widths(np.sqrt([*variance.values()]), min(step.degrees for step in steps))
-    bound = {x.name for step in steps for x in step.estimates.values() if x.on_bound}
-    return tuple(
-        Estimate(
-            name=name, title=title, unit=unit, value=base[name], low=base[name] - half,
-            high=base[name] + half, on_bound=bool(bound & made_of),
-        )
-        for (name, (title, unit, made_of)), half in zip(
-            _PHYSICAL.items(), halves.tolist(), strict=True
-        )
-    )  # fmt: skip
+        variance += np.einsum("ki,ij,kj->k", slopes, step.covariance, slopes)
+        on_bound |= (slopes[:, step.on_bound] != 0.0).any(axis=1)
+    named = [(name, *told) for name, told in _PHYSICAL.items()]
+    known, degrees = np.array([*base.values()]), min(step.degrees for step in steps)
+    return tuple(intervals(named, known, np.sqrt(variance), on_bound, degrees).values())
 
 
 def require_radians(logs: Sequence[Log], description: Description) -> None:

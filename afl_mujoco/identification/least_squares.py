@@ -9,19 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
 Array = NDArray[np.float64]
-Residuals = Callable[[Array, Array], Array]
-"""``residuals(shared, starts)``: shapes (p,) and (B, L) to (B, R), in units of their scatter."""
+Errors = Callable[[Array, Array], Array]
+"""``errors(shared, starts)``: of predicted readings, shapes (p,) and (B, L) to (B, C, n)."""
 
 ROBUST = 3.0  # beyond so many scatters residuals count by size, not by square
 LEAST_SCATTER = 1e-12  # least scatter of residuals: those of a simulation may be zero
 SETTLED = 0.05  # relative change of the scatter below which it has converged
-ROUNDS = 6  # largest number of rounds to find the scatter
+ROUNDS, EVALUATIONS = 6, 8  # most rounds to find the scatter, and most steps in each
 FEW_CLUSTERS = 8  # fewer logs, and windows count as independent, for want of better
 STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6  # of Levenberg and Marquardt's method
@@ -30,9 +32,8 @@ TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has conver
 CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True, slots=True)
-class Parameter:
-    """A parameter to be estimated."""
+class Parameter(NamedTuple):
+    """A parameter to be estimated; one whose bounds are equal is held there."""
 
     name: str  # name and unit in files and tables
     unit: str
@@ -73,14 +74,8 @@ class Fit:
     @property
     def estimates(self) -> dict[str, Estimate]:
         """The estimates with their intervals by name."""
-        columns = self.values.tolist(), self.half_widths.tolist(), self.on_bound.tolist()
-        return {
-            one.name: Estimate(
-                name=one.name, title=one.title, unit=one.unit, value=value,
-                low=value - half, high=value + half, on_bound=on_bound,
-            )
-            for one, value, half, on_bound in zip(self.parameters, *columns, strict=True)
-        }  # fmt: skip
+        named = [one[:3] for one in self.parameters]
+        return intervals(named, self.values, self.errors, self.on_bound, self.degrees)
 
     @property
     def by_name(self) -> dict[str, float]:
@@ -93,97 +88,97 @@ class Fit:
         return np.sqrt(np.diag(self.covariance))
 
     @property
-    def half_widths(self) -> Array:
-        """Half-widths of the intervals of `CONFIDENCE`, shape (p,)."""
-        return half_widths(self.errors, self.degrees)
-
-    @property
     def correlations(self) -> Array:
         """Correlations of the estimates, shape (p, p); zero with one that lies on a bound."""
         errors = np.where(self.errors > 0.0, self.errors, np.inf)
         return np.asarray(self.covariance / np.outer(errors, errors) + np.diag(errors == np.inf))
 
 
-def half_widths(errors: Array, degrees: int) -> Array:
-    """Return the half-widths of the intervals of `CONFIDENCE` for standard errors, shape (p,)."""
-    return np.asarray(errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees)))
+def intervals(
+    named: Sequence[tuple[str, str, str]], values: Array, errors: Array, on_bound: Any, degrees: int
+) -> dict[str, Estimate]:
+    """Return estimates by name, from names, units and titles, with intervals of `CONFIDENCE`."""
+    halves = errors * float(student.ppf(0.5 + 0.5 * CONFIDENCE, degrees))
+    columns = values.tolist(), halves.tolist(), on_bound.tolist()
+    return {
+        name: Estimate(
+            name=name, title=title, unit=unit, value=value, low=value - half, high=value + half,
+            on_bound=bound,
+        )
+        for (name, unit, title), value, half, bound in zip(named, *columns, strict=True)
+    }  # fmt: skip
 
 
-def fit_to_scatter(
-    errors: Residuals,
-    mask: Array,
-    parameters: Sequence[Parameter],
-    starts: Array,
-    clusters: NDArray[np.int64],
-    *,
-    start_scale: Array,
-    smooth: Residuals | None = None,
-) -> Fit:
-    """Estimate parameters and the unknown scatter of the signals, alternately.
+class Problem(NamedTuple):
+    """What is fitted: readings of windows, each with a start of its own."""
 
-    mask: 1 where a reading is valid, 0 elsewhere, shape (B, C, n).
-    """
-    now, scatter = list(parameters), np.full(mask.shape[1], np.inf)
+    errors: Errors
+    smooth: Errors  # the errors that give the derivatives
+    mask: Array  # 1 where a reading is valid, 0 elsewhere, shape (B, C, n)
+    clusters: NDArray[np.int64]  # the index of the log of each window, shape (B,)
+    start_scale: Array  # scale of the changes of a start, shape (L,)
+
+    def residuals(
+        self, shared: Array, starts: Array, scatter: Array, errors: Errors | None = None
+    ) -> Array:
+        """Return the errors in units of their scatter, shape (B, R)."""
+        off = (errors or self.errors)(shared, starts)
+        return (self.mask * off / scatter[:, None]).reshape(len(self.mask), -1)
+
+    def scatter(self, errors: Array) -> Array:
+        """Return the scatter of each signal from the median of its absolute values, shape (C,)."""
+        signals = range(self.mask.shape[1])
+        sizes = [np.abs(errors[:, i][self.mask[:, i] > 0.0]) for i in signals]
+        return np.maximum([1.4826 * np.median(one) for one in sizes], LEAST_SCATTER)
+
+    def reduced(
+        self, values: Array, starts: Array, scales: Array, scatter: Array, rest: Array
+    ) -> _Reduced:
+        """Return the problem about a point, for weights that make it robust."""
+        return _reduced(*self.derivatives(values, starts, scales, scatter), rest, _weights(rest))
+
+    def derivatives(
+        self, values: Array, starts: Array, scales: Array, scatter: Array
+    ) -> tuple[Array, Array]:
+        """Return the finite-difference derivatives in the shared parameters and in the starts."""
+        near = partial(self.residuals, scatter=scatter, errors=self.smooth)
+        base = near(values, starts)
+        by_shared = _slopes(lambda x: near(x, starts), values, base, STEP * scales)
+        return by_shared, _slopes(lambda x: near(values, x), starts, base, STEP * self.start_scale)
+
+
+def fit_to_scatter(problem: Problem, parameters: Sequence[Parameter], starts: Array) -> Fit:
+    """Estimate parameters and the unknown scatter of the signals, alternately."""
+    now, scatter = parameters, np.full(problem.mask.shape[1], np.inf)
     for _ in range(ROUNDS):
-        rest = errors(np.array([one.start for one in now]), starts)
-        before, scatter = scatter, _scatter(rest, mask)
-        found = fit(
-            _in_scatters(errors, mask, scatter), now, starts, clusters, start_scale=start_scale,
-            evaluations=8, smooth=_in_scatters(smooth or errors, mask, scatter),
-        )  # fmt: skip
+        rest = problem.errors(np.array([one.start for one in now]), starts)
+        before, scatter = scatter, problem.scatter(rest)
+        found = fit(problem, now, starts, scatter)
         starts = found.starts
-        now = [
-            replace(one, start=float(value)) for one, value in zip(now, found.values, strict=True)
-        ]
+        now = [one._replace(start=x) for one, x in zip(now, found.values.tolist(), strict=True)]
         if (np.abs(scatter / before - 1.0) <= SETTLED).all():
             break
-    final = found.residuals.reshape(mask.shape) * scatter[:, None]
-    return replace(found, parameters=parameters, scatter=_scatter(final, mask))
+    final = found.residuals.reshape(problem.mask.shape) * scatter[:, None]
+    return replace(found, parameters=parameters, scatter=problem.scatter(final))
 
 
-def _in_scatters(errors: Residuals, mask: Array, scatter: Array) -> Residuals:
-    """Return errors, shape (B, C, n), as residuals in units of their scatter, shape (B, R)."""
-    return lambda *at: (mask * errors(*at) / scatter[:, None]).reshape(len(mask), -1)
-
-
-def _scatter(rest: Array, mask: Array) -> Array:
-    """Return the scatter of each signal from the median of its absolute values, shape (C,)."""
-    sizes = [np.abs(rest[:, i][mask[:, i] > 0.0]) for i in range(mask.shape[1])]
-    return np.array([max(1.4826 * float(np.median(one)), LEAST_SCATTER) for one in sizes])
-
-
-def fit(
-    residuals: Residuals,
-    parameters: Sequence[Parameter],
-    starts: Array,
-    clusters: NDArray[np.int64],
-    *,
-    start_scale: Array,
-    evaluations: int = 20,
-    smooth: Residuals | None = None,
-) -> Fit:
-    """Estimate parameters by the Levenberg-Marquardt method, from a first guess of the starts.
-
-    The clusters are the index of the log of each window, shape (B,).
-    """
-    near = smooth or residuals
+def fit(problem: Problem, parameters: Sequence[Parameter], starts: Array, scatter: Array) -> Fit:
+    """Estimate parameters by the Levenberg-Marquardt method, from a first guess of the starts."""
     scales = np.array([one.scale for one in parameters])
-    steps, own_steps = STEP * scales, STEP * start_scale
     low, high = (np.array([getattr(one, end) for one in parameters]) for end in ("low", "high"))
     values = np.clip([one.start for one in parameters], low, high)
-    rest = residuals(values, starts)
+    rest = problem.residuals(values, starts, scatter)
     cost, damping = _cost(rest), FIRST_DAMPING
-    for _ in range(evaluations):
-        slopes = derivatives(near, values, starts, steps, own_steps)
-        system = _reduced(*slopes, rest, _weights(rest))
+    for _ in range(EVALUATIONS):
+        system = problem.reduced(values, starts, scales, scatter, rest)
         stuck = ((values <= low) & (system.gradient > 0.0)) | (
             (values >= high) & (system.gradient < 0.0)
         )
         before = cost
         while cost == before and damping < LARGEST_DAMPING:
             ahead = np.clip(values + system.step(damping, ~stuck), low, high)
-            ahead_starts = starts + system.own_step(ahead - values)
-            tried = residuals(ahead, ahead_starts)
+            ahead_starts = starts + system.own_step(ahead - values, low < high)
+            tried = problem.residuals(ahead, ahead_starts, scatter)
             if (now := _cost(tried)) < cost:
                 values, starts, rest, cost = ahead, ahead_starts, tried, now
                 damping = max(0.1 * damping, FIRST_DAMPING**2)
@@ -192,12 +187,11 @@ def fit(
         if before - cost <= TOLERANCE * before:
             break
     on_bound = np.minimum(values - low, high - values) <= 1e-3 * scales
-    covariance, degrees = _covariance(
-        *derivatives(near, values, starts, steps, own_steps), rest, clusters, ~on_bound
-    )
+    slopes = problem.derivatives(values, starts, scales, scatter)
+    covariance, degrees = _covariance(*slopes, rest, problem.clusters, ~on_bound)
     return Fit(
         parameters=parameters, values=values, covariance=covariance, on_bound=on_bound,
-        degrees=degrees, starts=starts, residuals=rest, scatter=np.ones(1),
+        degrees=degrees, starts=starts, residuals=rest, scatter=scatter,
     )  # fmt: skip
 
 
@@ -233,9 +227,9 @@ class _Reduced:
         found[free] = -np.linalg.lstsq(damped, self.gradient[free], rcond=None)[0]
         return found
 
-    def own_step(self, step: Array) -> Array:
-        """Return the step of the starts for a step of the shared parameters, shape (B, L)."""
-        rest = self.rest + self.shared @ step
+    def own_step(self, step: Array, free: NDArray[np.bool_]) -> Array:
+        """Return the step of the starts for one of the free shared parameters, shape (B, L)."""
+        rest = self.rest + self.shared.compress(free, axis=2) @ step.compress(free)
         right = np.swapaxes(self.q, 1, 2) @ rest[..., None]
         return np.asarray(-np.linalg.solve(self.r, right)[..., 0])
 
@@ -248,68 +242,41 @@ def _reduced(shared: Array, own: Array, rest: Array, weights: Array) -> _Reduced
     return _Reduced(slopes=slopes, rest=root * rest, shared=shared, q=q, r=r)
 
 
-def with_uncertainty_of(
-    errors: Residuals,
-    mask: Array,
-    fit: Fit,
-    known: Fit,
-    *,
-    start_scale: Array,
-    smooth: Residuals | None = None,
-) -> Fit:
+def with_uncertainty_of(problem: Problem, fit: Fit, known: Fit) -> Fit:
     """Return a fit whose covariance includes that of the parameters taken as known.
 
-    errors, smooth: Of the parameters of the fit followed by those that are known, and the starts.
+    The problem is of the parameters of the fit followed by those that are known.
     """
     p = len(fit.values)
     scales = np.array([one.scale for one in (*fit.parameters, *known.parameters)])
     values = np.concatenate([fit.values, known.values])
-    near = _in_scatters(smooth or errors, mask, fit.scatter)
-    rest = _in_scatters(errors, mask, fit.scatter)(values, fit.starts)
-    slopes = derivatives(near, values, fit.starts, STEP * scales, STEP * start_scale)
-    matrix = _reduced(*slopes, rest, _weights(rest)).matrix
+    rest = problem.residuals(values, fit.starts, fit.scatter)
+    matrix = problem.reduced(values, fit.starts, scales, fit.scatter, rest).matrix
     free = np.flatnonzero(~fit.on_bound)
     shift = np.zeros((p, len(known.values)))
     shift[free] = -np.linalg.pinv(matrix[np.ix_(free, free)]) @ matrix[free, p:]
     return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
 
 
-def by_cluster(
-    errors: Residuals,
-    mask: Array,
-    fit: Fit,
-    name: str,
-    clusters: NDArray[np.int64],
-    *,
-    start_scale: Array,
-) -> tuple[Array, Array]:
+def by_cluster(problem: Problem, fit: Fit, name: str) -> list[tuple[float, float]]:
     """Return an estimate from each cluster alone, and its standard error, to first order.
 
     The other parameters stay as fitted to all; the windows of a cluster count as independent.
     """
     at = [one.name for one in fit.parameters].index(name)
-
-    def of_one(shared: Array, own: Array) -> Array:
-        values = fit.values.copy()
-        values[at] = shared[0]
-        return errors(values, own)
-
-    value, scaled = fit.values[at : at + 1], _in_scatters(of_one, mask, fit.scatter)
-    rest = scaled(value, fit.starts)
-    steps = np.array([STEP * fit.parameters[at].scale])
-    slopes = derivatives(scaled, value, fit.starts, steps, STEP * start_scale)
-    system = _reduced(*slopes, rest, _weights(rest))
-    slope = system.slopes[..., 0]
-    values, sizes = [], []
-    for cluster in np.unique(clusters):
-        mine = clusters == cluster
-        curvature = float(np.sum(slope[mine] ** 2))
-        step = -float(np.sum(slope[mine] * system.rest[mine])) / curvature
-        scores = np.sum(slope[mine] * (system.rest[mine] + step * slope[mine]), axis=1)
-        spread = np.sqrt(np.sum(scores**2) * len(scores) / max(1, len(scores) - 1))
-        values.append(float(value[0]) + step)
-        sizes.append(float(spread) / curvature)
-    return np.array(values), np.array(sizes)
+    scales = np.array([one.scale for one in fit.parameters])
+    rest = problem.residuals(fit.values, fit.starts, fit.scatter)
+    system = problem.reduced(fit.values, fit.starts, scales, fit.scatter, rest)
+    found = []
+    for cluster in np.unique(problem.clusters):
+        mine = problem.clusters == cluster
+        slope, rest = system.slopes[mine, :, at], system.rest[mine]
+        curvature = float(np.sum(slope**2))
+        step = -float(np.sum(slope * rest)) / curvature
+        scores = np.sum(slope * (rest + step * slope), axis=1)
+        spread = float(np.sqrt(np.sum(scores**2) * len(scores) / max(1, len(scores) - 1)))
+        found.append((float(fit.values[at]) + step, spread / curvature))
+    return found
 
 
 def fitted_starts(
@@ -320,17 +287,8 @@ def fitted_starts(
         rest = residuals(starts)
         slopes = _slopes(residuals, starts, rest, STEP * start_scale)
         system = _reduced(np.empty((*rest.shape, 0)), slopes, rest, _weights(rest))
-        starts = starts + system.own_step(np.empty(0))
+        starts = starts + system.own_step(np.empty(0), np.empty(0, bool))
     return starts
-
-
-def derivatives(
-    residuals: Residuals, shared: Array, starts: Array, steps: Array, own_steps: Array
-) -> tuple[Array, Array]:
-    """Return the finite-difference derivatives in the shared parameters and in the starts."""
-    base = residuals(shared, starts)
-    by_shared = _slopes(lambda x: residuals(x, starts), shared, base, steps)
-    return by_shared, _slopes(lambda x: residuals(shared, x), starts, base, own_steps)
 
 
 def _slopes(function: Callable[[Array], Array], point: Array, base: Array, steps: Array) -> Array:

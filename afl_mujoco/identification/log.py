@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,12 +94,11 @@ def read_logs(paths: Sequence[str | Path], description: Description) -> list[Log
     return [read_log(file, description) for file in files]
 
 
-def write_log(
-    path: Path, columns: Floats, names: Sequence[str] = ("time", "phi", "z", "command")
-) -> None:
-    """Write columns of numbers in SI units as a log, by default with the default names."""
+def write_log(path: Path, columns: Mapping[str, Floats]) -> None:
+    """Write columns of numbers in SI units as a log, by their names."""
+    rows, header = np.stack([*columns.values()], axis=1), ",".join(columns)
     with atomic_file(path) as temporary:
-        np.savetxt(temporary, columns.T, "%.9g", ",", header=",".join(names), comments="")
+        np.savetxt(temporary, rows, "%.9g", ",", header=header, comments="")
 
 
 def log_of(name: str, table: dict[str, Floats], description: Description) -> Log:
@@ -119,16 +117,19 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
     raw = columns["phi"]
     zone = d.phi.dead_zone
     valid = np.ones(len(raw), bool) if zone is None else (raw <= zone[0]) | (raw >= zone[1])
-    unit = 2.0 * math.pi / abs(d.phi.radians)  # one turn, in the unit of the readings
+    unit = 2.0 * math.pi / abs(d.phi.si)  # one turn, in the unit of the readings
     span = float(np.ptp(raw))
     if zone is not None and span > 1.01 * unit:
         rule = f"must lie within a turn, {unit:.4g} {d.phi.unit} (or its unit is wrong)"
         raise InvalidValueError(d.phi.column, rule, f"a range of {span:.4g}")
     middle = math.inf if zone is None else 0.5 * (zone[0] + zone[1])
     zero = d.phi.zero - unit if d.phi.zero > middle else d.phi.zero
-    phi = d.phi.radians * (np.where(raw > middle, raw - unit, raw) - zero)
-    z, command = d.z.metres * columns["z"], d.command.sign * columns["command"]
-    _require_motion(phi[valid], z, d)
+    phi = d.phi.si * (np.where(raw > middle, raw - unit, raw) - zero)
+    z, command = d.z.si * columns["z"], d.command.sign * columns["command"]
+    for signal, values, sensor in (("angle", np.unwrap(phi[valid]), d.phi), ("position", z, d.z)):
+        if len(values) == 0 or np.ptp(values) <= 3.0 * sensor.count or np.ptp(values) == 0.0:
+            rule = f"must vary: the {signal} is constant in this log"
+            raise InvalidValueError(sensor.column, rule)
     if (worst := float(np.abs(command).max())) > d.command.limit * (1.0 + 1e-6):
         raise InvalidValueError(d.command.column, f"must be within {d.command.limit:g}", worst)
     there = np.flatnonzero(valid)
@@ -199,92 +200,68 @@ def _smoother(log: Log, time: Floats) -> float:
     far = 0.0
     for values, known in ((log.z, np.ones_like(log.valid)), (log.angle, log.valid)):
         rows = at[known[at]]
-        off = values[rows].copy()
-        around = (-2, -1, 1, 2)
-        for i in around:
-            weight = np.ones(len(rows))
-            for j in around:
-                if j != i:
-                    weight *= (time[rows] - time[rows + j]) / (time[rows + i] - time[rows + j])
-            off -= weight * values[rows + i]
+        near = rows[:, None] + [-2, -1, 1, 2]
+        apart = time[near][:, :, None] - time[near][:, None] + np.eye(4)
+        weight = 1.0 / (apart.prod(axis=2) * (time[rows, None] - time[near]))  # as in Lagrange's
+        off = values[rows] - (weight * values[near]).sum(axis=1) / weight.sum(axis=1)
         far += math.log(float(np.median(np.abs(off))) + LEAST_ROUGHNESS) if len(rows) else 0.0
     return far
 
 
-def _require_motion(phi: Floats, z: Floats, description: Description) -> None:
-    d = description
-    for signal, values, count, header in (
-        ("angle", np.unwrap(phi), d.angle_count, d.phi.column),
-        ("position", z, d.position_count, d.z.column),
-    ):
-        if len(values) == 0 or np.ptp(values) <= 3.0 * count or np.ptp(values) == 0.0:
-            raise InvalidValueError(header, f"must vary: the {signal} is constant in this log")
+_Row = tuple[str, str, list[str]]  # its place, its line and its values
+SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}  # of the values of a row
 
 
 def _read(path: Path, headers: Sequence[str]) -> dict[str, Floats]:
-    numbered = _lines(path)
-    lines = [line for _, line in numbered]
-    separator = _separator(lines[0], headers)
-    by = f"separated by {SEPARATORS[separator]}"
-    try:
-        first, *rows = csv.reader(lines, delimiter=separator, strict=True)
-    except csv.Error as error:
-        raise FileError(str(path), f"is not a table of numbers {by}: {error}") from None
-    first = [name.strip() for name in first]
-    _require_columns(path, first, headers, by)
-
-    def fault(row: int, rule: str, got: str) -> FileError:
-        at = f"row {row + 1} (line {numbered[row + 1][0]})"
-        return FileError(f"{path}: {at}", f"{rule}, {by}", got)
-
-    for row, cells in enumerate(rows):
-        if len(cells) < len(first) or any(cells[len(first) :]):
-            got = f"{len(cells)}: {lines[row + 1][:60]!r}"
-            raise fault(row, f"must have {len(first)} values", got)
-    columns = {}
-    for header in headers:
-        texts = [cells[first.index(header)] for cells in rows]
-        columns[header] = np.empty(len(rows))
-        point = any("." in text for text in texts)  # then a comma is one between thousands
-        for row, text in enumerate(texts):
-            try:
-                columns[header][row] = float(text if point else text.replace(",", "."))
-            except ValueError:
-                rule = f"must have a number in column {header!r}"
-                raise fault(row, rule, repr(text)) from None
-    return columns
-
-
-def _require_columns(path: Path, there: Sequence[str], headers: Sequence[str], by: str) -> None:
+    """Return some columns of a CSV file, or raise where it is wrong."""
+    by, there, rows = _table(path, headers)
     for header in headers:
         if there.count(header) > 1:
             raise FileError(f"{path}: column {header!r}", "must occur only once")
         if header not in there:
             rule = f"is missing; the columns are {', '.join(there)}{meant(header, there)} ({by})"
             raise FileError(f"{path}: column {header!r}", rule)
+    for place, line, cells in rows:
+        if len(cells) < len(there) or any(cells[len(there) :]):
+            rule = f"must have {len(there)} values, {by}"
+            raise FileError(place, rule, f"{len(cells)}: {line[:60]!r}")
+    columns = {}
+    for header in headers:
+        texts = [cells[there.index(header)] for _, _, cells in rows]
+        columns[header] = np.empty(len(rows))
+        point = any("." in text for text in texts)  # then a comma is one between thousands
+        for row, text in enumerate(texts):
+            try:
+                columns[header][row] = float(text if point else text.replace(",", "."))
+            except ValueError:
+                rule = f"must have a number in column {header!r}, {by}"
+                raise FileError(rows[row][0], rule, repr(text)) from None
+    return columns
 
 
-def _lines(path: Path) -> list[tuple[int, str]]:
-    """Return the lines of a CSV file that are no comments, each with its number."""
+def _table(path: Path, wanted: Sequence[str]) -> tuple[str, list[str], list[_Row]]:
+    """Return how the values of a CSV file are separated, their names, and its rows."""
     with reading(path, ""):
         lines = enumerate(read_utf8(path, MOST_BYTES).splitlines(), start=1)
-    found = [(number, line) for number, line in lines if line.strip() and not line.startswith("#")]
-    if not found:
+    numbered = [(number, line) for number, line in lines if line.strip() and line[0] != "#"]
+    if not numbered:
         raise FileError(str(path), "must have a header and rows of numbers: it is empty")
-    return found
-
-
-SEPARATORS = {",": "commas", ";": "semicolons", "\t": "tabs"}  # of the values of a row
-
-
-def _separator(header: str, wanted: Sequence[str]) -> str:
-    """Return the separator with which the header of a file has most of the columns wanted."""
 
     def found(separator: str) -> tuple[int, int]:
-        names = [name.strip(' "') for name in header.split(separator)]
+        """Return how many columns that are wanted are in the header, and how many there are."""
+        names = [name.strip(' "') for name in numbered[0][1].split(separator)]
         return sum(name in names for name in wanted), len(names)
 
-    return max(SEPARATORS, key=found)
+    separator = max(SEPARATORS, key=found)
+    by = f"separated by {SEPARATORS[separator]}"
+    try:
+        first, *rows = csv.reader((line for _, line in numbered), delimiter=separator, strict=True)
+    except csv.Error as error:
+        raise FileError(str(path), f"is not a table of numbers {by}: {error}") from None
+    return by, [name.strip() for name in first], [
+        (f"{path}: row {row} (line {numbered[row][0]})", numbered[row][1], cells)
+        for row, cells in enumerate(rows, start=1)
+    ]  # fmt: skip
 
 
 SEEN = 6  # readings of the angle among its first rows that a window needs for its start
@@ -301,9 +278,7 @@ class Windows:
     """Windows of logs."""
 
     logs: Sequence[Log]  # all logs
-    # index of the log of each window, and its first row in the log, shape (B,)
-    log: NDArray[np.int64]
-    first: NDArray[np.int64]
+    log: NDArray[np.int64]  # index of the log of each window, shape (B,)
     # as in `Log`, shape (B, n); where there is no row, the time that it would have
     time: Floats
     phi: Floats
@@ -320,6 +295,7 @@ class Windows:
     # that are too short
     dropped: int
     share: float  # share of the duration of the logs that lies in a window [1]
+    past: int  # number of rows to which a state to predict from is fitted, the last its own
 
     @property
     def whole(self) -> NDArray[np.bool_]:
@@ -331,10 +307,11 @@ class Windows:
         """Number of windows."""
         return len(self.log)
 
-    def some(self, every: int) -> Windows:
-        """Return every n-th window, with n = `every`."""
-        names = ("log", "first", "time", "phi", "turns", "z", "there", "valid", "starts")
-        return replace(self, **{name: getattr(self, name)[::every] for name in names})
+    def some(self, every: int = 1, rows: int | None = None) -> Windows:
+        """Return every n-th window, with n = `every`, and so many of its rows."""
+        names = ("time", "phi", "turns", "z", "there", "valid")
+        found = {name: getattr(self, name)[::every, :rows] for name in names}
+        return replace(self, log=self.log[::every], starts=self.starts[::every], **found)
 
     @property
     def steps(self) -> int:
@@ -342,6 +319,17 @@ class Windows:
         longest = float((self.time[:, -1] - self.time[:, 0]).max())
         spare = float(np.diff(self.time, axis=1).max())
         return int(np.ceil((longest + spare) / self.step - 1e-6))
+
+    @property
+    def before(self) -> Floats:
+        """1 where a reading of the angle is fitted before the start, else 0, shape (B, n)."""
+        return self.valid * (np.arange(self.valid.shape[1]) < self.past)
+
+    def rows(self, horizon: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Return the row nearest to a time after the start [s], and whether it is near, (B,)."""
+        distance = np.abs(self.time - self.time[:, self.past - 1 : self.past] - horizon)
+        found: NDArray[np.int64] = np.argmin(distance, axis=1)
+        return found, distance.min(axis=1) <= 0.6 * self.spacing
 
 
 def stride_of(period: float) -> int:
@@ -355,7 +343,7 @@ def cut(
     every: float,
     *,
     seen: int = SEEN,
-    head: int = 2 * SEEN,
+    past: int = 0,
     gap: float = GAP,
     least: int | None = LEAST,
 ) -> Windows:
@@ -368,9 +356,8 @@ def cut(
     stride = stride_of(period)
     rows = max(2, round(length / (stride * period))) + 1
     apart = stride * max(1, round(every / (stride * period)))
-    least, head = rows if least is None else min(least, rows), min(rows, head)
-    columns: dict[str, list[NDArray[Any]]] = {}
-    places, starts, dropped, covered = [], [], 0, 0.0
+    least, head = rows if least is None else min(least, rows), min(rows, past or 2 * SEEN)
+    parts, numbers, starts, dropped, covered = [], [], [], 0, 0.0
     for number, log in enumerate(logs):
         ends = np.flatnonzero(np.diff(log.slots) > gap * stride)
         for first, last in zip([0, *(ends + 1)], [*ends, len(log.time) - 1], strict=True):
@@ -381,25 +368,24 @@ def cut(
                 if len(there) < least or part["valid"][:head].sum() < min(head, seen):
                     dropped += 1
                     continue
-                for name, column in part.items():
-                    columns.setdefault(name, []).append(column)
-                places.append((number, row))
+                parts.append(part)
+                numbers.append(number)
                 starts.append(_start(log, row, last, stride))
                 covered += float(part["time"][there[-1]] - part["time"][0])
-    if not places:
+    if not numbers:
         what = f"one longer than {length:g} s" if least == rows else f"{least} rows without a gap"
         rule = f"must include {what} whose angle is known at the start"
         raise InvalidValueError("logs", rule)
     return Windows(
         logs=logs,
-        log=np.array([n for n, _ in places], dtype=np.int64),
-        first=np.array([first for _, first in places], dtype=np.int64),
-        **{name: np.array(found, dtype=np.float64) for name, found in columns.items()},
-        starts=np.array(starts).reshape(len(places), 4),
+        log=np.array(numbers, dtype=np.int64),
+        **{name: np.array([part[name] for part in parts]) for name in parts[0]},
+        starts=np.array(starts).reshape(len(numbers), 4),
         spacing=stride * period,
         step=stride * period / max(1, round(stride * period / STEP)),
         dropped=dropped,
         share=min(1.0, covered / sum(log.duration for log in logs)),
+        past=past,
     )
 
 

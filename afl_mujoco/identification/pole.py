@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -163,49 +161,34 @@ def parameters_of(description: Description) -> list[Parameter]:
 NONE = {"angle_scale": 1.0}  # values of parameters that are not estimated
 
 
-def linearity(values: Mapping[str, float], angles: Array) -> Array:
-    """Return the deviation of readings from a straight line at some angles [rad]."""
-    off = np.zeros_like(angles)
-    for k in range(1, HARMONICS + 1):
-        if f"sin_{k}" in values:
-            off += values[f"sin_{k}"] * np.sin(k * angles) + values[f"cos_{k}"] * np.cos(k * angles)
-    return off
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Drive:
-    """The recorded motion of the cart over windows."""
+    """The recorded motion of the cart over windows, under gravity [m/s^2]."""
 
-    windows: Windows  # windows of the logs
-    gravity: float  # g [m/s^2]
-    _tracks: Sequence[Any] = field(init=False, repr=False)
+    def __init__(self, windows: Windows, gravity: float) -> None:
+        self.windows, self.gravity = windows, gravity
+        strides = [slice(None, None, stride_of(log.period)) for log in windows.logs]
+        self._tracks = [
+            make_interp_spline(log.time[some], log.z[some], k=5)
+            for log, some in zip(windows.logs, strides, strict=True)
+        ]
 
-    def __post_init__(self) -> None:
-        found = []
-        for log in self.windows.logs:
-            some = slice(None, None, stride_of(log.period))
-            found.append(make_interp_spline(log.time[some], log.z[some], k=5))
-        object.__setattr__(self, "_tracks", found)
-
-    def angles(self, values: Mapping[str, float], starts: Array) -> Array:
-        """Return the angles at the rows [rad], (B, n), from (phi, phi_dot) at the first, (B, 2)."""
+    def readings(self, values: Mapping[str, float], starts: Array) -> Array:
+        """Return the readings of the angle at the rows, (B, n), from states (phi, phi_dot)."""
         v, w = {**NONE, **values}, self.windows
         factor = v["coupling"] * v["gravity_term"] / self.gravity
         track = pole_motion(
             starts, factor * self.velocities(v["skew"], v["compliance"]), w.step,
             v["gravity_term"], v["damping"], v["friction"],
         )  # fmt: skip
-        return at_rows(w, track[..., 0], track[..., 1], 0.0)
+        return readings(v, at_rows(w, track[..., 0], track[..., 1], 0.0), w.turns)
 
     def velocities(self, skew: float, compliance: float) -> Array:
         """Return the cart's velocity on the half steps of the windows [m/s], (B, 2 steps + 1)."""
         w = self.windows
         found = np.empty((w.count, 2 * w.steps + 1))
         half = 0.5 * w.step * np.arange(2 * w.steps + 1)
-        for number, (log, spline) in enumerate(zip(w.logs, self._tracks, strict=True)):
-            mine = w.log == number
-            if not mine.any():
-                continue
+        for number in np.unique(w.log):
+            log, spline, mine = w.logs[number], self._tracks[number], w.log == number
             when = np.clip(w.time[mine, :1] + half - skew, log.time[0], log.time[-1])
             found[mine] = spline(when, 1)
             if compliance:
@@ -215,9 +198,12 @@ class Drive:
 
 def readings(values: Mapping[str, float], angles: Array, turns: Array) -> Array:
     """Return what the sensor reads at some angles with so many whole turns [rad]."""
-    v = {**NONE, **values}
+    v, off = {**NONE, **values}, np.zeros_like(angles)
     read: Array = (angles - 2.0 * np.pi * turns - v["angle_offset"]) / v["angle_scale"]
-    return read + linearity(v, angles)
+    for k in range(1, HARMONICS + 1):
+        if f"sin_{k}" in v:
+            off += v[f"sin_{k}"] * np.sin(k * angles) + v[f"cos_{k}"] * np.cos(k * angles)
+    return read + off
 
 
 def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -71,35 +72,13 @@ LONG_GAP = 5.0  # gap between rows, in their spacing, that a prediction may not 
 SEEN = 5  # number of readings of the angle that a fitted state needs
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Starts:
-    """Instants from which recordings are predicted."""
-
-    windows: Windows  # windows of the rows that are fitted and predicted, one for each start
-    past: int  # number of rows to which the state is fitted; the last of them is the start
-
-    @property
-    def before(self) -> Array:
-        """1 where a reading of the angle is fitted, else 0, shape (B, n)."""
-        w = self.windows
-        return w.valid * (np.arange(w.valid.shape[1]) < self.past)
-
-    def rows(self, horizon: float) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Return the row nearest to a time after the start [s], and whether it is near, (B,)."""
-        t = self.windows.time
-        distance = np.abs(t - t[:, self.past - 1 : self.past] - horizon)
-        found: NDArray[np.int64] = np.argmin(distance, axis=1)
-        return found, distance.min(axis=1) <= 0.6 * self.windows.spacing
-
-
-def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Starts:
-    """Return the starts of logs, every so many seconds, with a past to fit and a horizon."""
+def starts_of(logs: Sequence[Log], past: float, longest: float, every: float) -> Windows:
+    """Return windows that begin every so many seconds, with a past to fit and a horizon."""
     period = min(log.period for log in logs)
     spacing = stride_of(period) * period
     rows = round(past / spacing) + 1
     length = (rows - 1) * spacing + longest
-    windows = cut(logs, length, every, seen=SEEN, head=rows, gap=LONG_GAP, least=None)
-    return Starts(windows=windows, past=rows)
+    return cut(logs, length, every, seen=SEEN, past=rows, gap=LONG_GAP, least=None)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +101,7 @@ class Errors:
 
 
 def errors_of(
-    starts: Starts,
+    w: Windows,
     predicted: Array,
     horizons: Sequence[float],
     values: Mapping[str, float],
@@ -132,18 +111,17 @@ def errors_of(
     whole: bool = False,
 ) -> tuple[Errors, ...]:
     """Return the errors of predicted z and phi, shape (B, 2, n), after each horizon [s]."""
-    w, d, v = starts.windows, description, {**pole.NONE, **values}
-    there, first = np.arange(w.count), starts.past - 1
+    d, v, there = description, {**pole.NONE, **values}, np.arange(w.count)
     angle = v["angle_scale"] * w.phi + v["angle_offset"]
     angle -= 2.0 * np.pi * np.round(angle / (2.0 * np.pi))  # without whole turns
     found = []
     for horizon in horizons:
-        rows, near = starts.rows(horizon)
+        rows, near = w.rows(horizon)
         near = near & (w.there[there, rows] > 0.0) & (w.whole if whole else True)
         good = near & (w.valid[there, rows] > 0.0)
         off = (predicted[there, 1, rows] - w.phi[there, rows])[good]
-        away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, first]) > AWAY)
-        clear = (away & (w.valid[:, : starts.past] > 0.0).all(axis=1))[good]
+        away = (np.abs(angle[there, rows]) > AWAY) & (np.abs(angle[:, w.past - 1]) > AWAY)
+        clear = (away & (w.valid[:, : w.past] > 0.0).all(axis=1))[good]
         away = away[good]
         z_off = (predicted[there, 0, rows] - w.z[there, rows])[near]
         found.append(
@@ -151,12 +129,12 @@ def errors_of(
                 horizon=horizon,
                 rms_phi=v["angle_scale"] * _rms(off),
                 rms_z=_rms(z_off) if position else None,
-                counts_phi=_counts(off, d.angle_count),
-                counts_z=_counts(z_off, d.position_count) if position else None,
+                counts_phi=_counts(off, d.phi.count),
+                counts_z=_counts(z_off, d.z.count) if position else None,
                 explained_phi=explained(v["angle_scale"] * off, angle[there, rows][good]),
                 explained_z=explained(z_off, w.z[there, rows][near]) if position else None,
-                away_phi=_counts(off[away], d.angle_count) if away.any() else None,
-                clear_phi=_counts(off[clear], d.angle_count) if clear.any() else None,
+                away_phi=_counts(off[away], d.phi.count) if away.any() else None,
+                clear_phi=_counts(off[clear], d.phi.count) if clear.any() else None,
                 starts=int(good.sum()),
                 away=int(away.sum()),
             )
@@ -164,26 +142,19 @@ def errors_of(
     return tuple(found)
 
 
-def predicted_by_pole(
-    starts: Starts, values: Mapping[str, float], description: Description
-) -> Array:
+def predicted_by_pole(w: Windows, values: Mapping[str, float], description: Description) -> Array:
     """Return the predicted readings of the angle for a known motion of the cart, shape (B, n)."""
-    w = starts.windows
-    driven = pole.Drive(windows=w, gravity=description.nominal.gravity)
-
-    def read(own: Array) -> Array:
-        return pole.readings(values, driven.angles(values, own), w.turns)
-
-    scale = description.angle_count or 1e-6
+    scale = description.phi.count or 1e-6
+    read = partial(pole.Drive(w, description.nominal.gravity).readings, values)
     own = fitted_starts(
-        lambda x: starts.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
+        lambda x: w.before * (read(x) - w.phi) / (1e3 * scale), w.starts[:, [1, 3]],
         pole.START_SCALE,
     )  # fmt: skip
     return read(own)
 
 
 def predicted_by_rig(
-    starts: Starts,
+    w: Windows,
     values: Mapping[str, float],
     description: Description,
     scatter: tuple[float, float],
@@ -194,13 +165,10 @@ def predicted_by_rig(
 
     The scatter of position and angle [m, rad] weights their readings.
     """
-    w = starts.windows
-    whole = rig.Rig(windows=w, description=description, workers=workers)
-    names = ("time", "phi", "turns", "z", "there", "valid")
-    first = replace(w, **{name: getattr(w, name)[:, : starts.past] for name in names})
-    past = rig.Rig(windows=first, description=description, workers=workers)
-    measured, before = np.stack([first.z, first.phi], axis=1), starts.before[:, : starts.past]
-    weights = np.stack([first.there, before], axis=1) / np.array(scatter)[:, None]
+    whole, first = rig.Rig(w, description, workers), w.some(rows=w.past)
+    past = rig.Rig(first, description, workers)
+    measured = np.stack([first.z, first.phi], axis=1)
+    weights = np.stack([first.there, first.valid], axis=1) / np.array(scatter)[:, None]
 
     def errors(own: Array) -> Array:
         rest: Array = weights * (past.readings(values, own) - measured)
@@ -210,16 +178,15 @@ def predicted_by_rig(
     own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)
     track = whole.motion(values, own)
     states = [
-        pole.at_rows(w, x, np.gradient(x, w.step, axis=1), 0.0)[:, starts.past - 1]
+        pole.at_rows(w, x, np.gradient(x, w.step, axis=1), 0.0)[:, w.past - 1]
         for x in np.moveaxis(track, -1, 0)
     ]
     return whole.read(values, track), np.stack(states, axis=1)
 
 
-def straight_on(starts: Starts, states: Array, values: Mapping[str, float]) -> Array:
+def straight_on(w: Windows, states: Array, values: Mapping[str, float]) -> Array:
     """Return the predicted readings without any acceleration from states (B, 4), (B, 2, n)."""
-    w = starts.windows
-    after = w.time - w.time[:, starts.past - 1 : starts.past]
+    after = w.time - w.time[:, w.past - 1 : w.past]
     z, phi, z_dot, phi_dot = (states[:, i : i + 1] for i in range(4))
     position = (z + z_dot * (after + values["skew"])) / values["coupling"]
     angle = pole.readings(values, phi + phi_dot * after, w.turns)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.log import Windows
 from afl_mujoco.identification.pole import coulomb_motion
-from afl_mujoco.pool import Task, share
+from afl_mujoco.pool import share
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -91,29 +92,20 @@ def model_of(
     return plant, Imperfections(damping=damping, dry_friction=dry)
 
 
-def _become(model: CartPoleModel, plant: CartPoleParameters, imperfections: Imperfections) -> None:
-    model.set_imperfections(imperfections)
-    model.set_parameters(plant)
-    model.compute_only()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """The cart-poles of some windows."""
+    """The cart-poles of some windows; `workers` are threads, on which no result depends.
 
-    windows: Windows  # windows of the logs
-    description: Description  # description of the cart-pole
-    workers: int = 1  # number of threads; the results do not depend on it
-    # whether dry friction is that of Coulomb, as in `coulomb`, or softened, as by MuJoCo: the exact
-    # one has no derivative by the speed of a cart that sticks
-    exact: bool = False
-    _models: Sequence[CartPoleModel] = field(init=False, repr=False)
+    Dry friction is that of Coulomb where it is `exact`, else softened, as by MuJoCo: the exact one
+    has no derivative by the speed of a cart that sticks.
+    """
 
-    def __post_init__(self) -> None:
-        """Compile the models; their parameters are written for every motion."""
-        count = min(self.workers, self.windows.count) if self.exact else 1
-        models = [CartPoleModel(NOMINAL, timestep=self.windows.step) for _ in range(count)]
-        object.__setattr__(self, "_models", models)
+    def __init__(
+        self, windows: Windows, description: Description, workers: int = 1, *, exact: bool = False
+    ) -> None:
+        self.windows, self.description = windows, description
+        self.workers, self.exact = min(workers, windows.count), exact
+        count = self.workers if exact else 1
+        self._models = [CartPoleModel(NOMINAL, timestep=windows.step) for _ in range(count)]
 
     def readings(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the readings at the rows, shape (B, 2, n), from states at the first, (B, 4)."""
@@ -134,39 +126,29 @@ class Rig:
 
     def motion(self, values: Mapping[str, float], starts: Array) -> Array:
         """Return the states on the steps of the windows, shape (B, steps + 1, 4)."""
-        forces = self.forces(values)
+        forces, step = self.forces(values), self.windows.step
         plant, imperfections = model_of(values, self.description)
-        if self.exact and imperfections.at(FRICTION) > 0.0:
-            return self._exact_motion(plant, imperfections, starts, forces)
-        model = self._models[0]
-        _become(model, plant, imperfections)
-        full = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        initial = np.zeros((len(starts), mujoco.mj_stateSize(model.mj_model, full)))
+        friction = imperfections.at(FRICTION) if self.exact else 0.0
+        if friction > 0.0:
+            imperfections = imperfections.changed({FRICTION: 0.0})
+        for model in self._models:
+            model.set_imperfections(imperfections)
+            model.set_parameters(plant)
+            model.compute_only()
+        if friction > 0.0:
+            track = np.empty((len(starts), forces.shape[1] + 1, 4))
+
+            def move(at: Any, part: slice) -> None:
+                coulomb_motion(at, starts[part], forces[part], friction, step, track[part])
+
+            share(len(starts), [partial(move, one.addresses) for one in self._models], part=8)
+            return track
+        full, model = mujoco.mjtState.mjSTATE_FULLPHYSICS, self._models[0].mj_model
+        initial = np.zeros((len(starts), mujoco.mj_stateSize(model, full)))
         initial[:, 1:5] = starts
-        data = [mujoco.MjData(model.mj_model) for _ in range(min(self.workers, len(starts)))]
-        found, _ = rollout.rollout(model.mj_model, data, initial, forces[..., None])
+        data = [mujoco.MjData(model) for _ in range(self.workers)]
+        found, _ = rollout.rollout(model, data, initial, forces[..., None])
         return np.concatenate([starts[:, None], found[..., 1:5]], axis=1)
-
-    def _exact_motion(
-        self, plant: CartPoleParameters, imperfections: Imperfections, starts: Array, forces: Array
-    ) -> Array:
-        """Return the states under the dry friction of Coulomb; arguments as MuJoCo gets them."""
-        track = np.empty((len(starts), forces.shape[1] + 1, 4))
-        smooth, friction = imperfections.changed({FRICTION: 0.0}), imperfections.at(FRICTION)
-
-        def task_on(model: CartPoleModel) -> Task:
-            _become(model, plant, smooth)
-
-            def run(part: slice) -> None:
-                coulomb_motion(
-                    model.addresses, starts[part], forces[part], friction, self.windows.step,
-                    track[part],
-                )  # fmt: skip
-
-            return run
-
-        share(len(starts), [task_on(model) for model in self._models], part=8)
-        return track
 
     def forces(self, values: Mapping[str, float]) -> Array:
         """Return the mean force of the drive over each step [N], shape (B, steps)."""
@@ -174,10 +156,8 @@ class Rig:
         force = physical(v, self.description)["force"]
         forces = np.empty((w.count, w.steps))
         edges = w.step * np.arange(w.steps + 1)
-        for number, log in enumerate(w.logs):
-            mine = w.log == number
-            if not mine.any():
-                continue
+        for number in np.unique(w.log):
+            log, mine = w.logs[number], w.log == number
             when = w.time[mine, :1] + edges - v["delay"]
             impulse = _impulses(log.time, log.command - v["bias"], v["lag"], when)
             forces[mine] = force * np.diff(impulse, axis=1) / w.step

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from afl_mujoco.control.catalogue import CONTROLLERS
@@ -34,6 +35,7 @@ def with_objective(figures: Metrics, scales: ObjectiveScales) -> Metrics:
     return {"objective": objective(iae_z, iae_phi, max_force, scales) if known else None, **figures}
 
 
+@cache
 def nominal_scales(sample_period: float) -> ObjectiveScales:
     """Return the scales of the objective: the fixed gains on the nominal plant (D4)."""
     scenario, controller = SCENARIOS["nominal"], CONTROLLERS["fixed"]

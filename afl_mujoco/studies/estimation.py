@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
@@ -184,21 +184,13 @@ def run_case(unit: Request) -> Case:
     return Case(scenario=scenario.name, loops=tuple(loops), curves=curves)
 
 
-@cache
-def _scales() -> Any:
-    """Return the scales of the objective (O1)."""
-    from afl_mujoco.simulation.scoring import nominal_scales
-
-    return nominal_scales(1e-3)
-
-
 def _loop(
     parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory | None]
 ) -> Loop:
-    from afl_mujoco.simulation.scoring import with_objective
+    from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 
     there = [run for run in runs if run is not None]
-    each = [with_objective(metrics(scenario, controller, run), _scales()) for run in there]
+    each = [with_objective(metrics(scenario, controller, x), nominal_scales(1e-3)) for x in there]
     known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
     whole = all(len(values) == len(runs) for values in known.values())
     return Loop(

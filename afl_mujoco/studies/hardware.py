@@ -29,7 +29,7 @@ from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
-from afl_mujoco.studies.shared.identified_parts import Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.identified_parts import Shown, draw_log, shown_of
 from afl_mujoco.studies.shared.run import run_all
 
 MOST_DRAWS = 100_000
@@ -83,8 +83,7 @@ def prepare(options: Options) -> Request:
     identified = load_estimates(ESTIMATES if o.estimates is None else Path(o.estimates))
     if o.estimates is not None and o.logs is None:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
-    if identified.drive is None:
-        raise InvalidValueError("estimates", "must include cart and drive: vary the command")
+    identified.scatter()  # raises without a drive
     known = [one["id"] for one in protocol()["statements"]]
     for name in identified.description.limits:
         if name not in known:
@@ -195,14 +194,9 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     angle = predicted_by_pole(starts, values, d)
     by_pole = np.stack([np.zeros_like(angle), angle], axis=1)
     pole = errors_of(starts, by_pole, horizons, values, d, position=False)
-    drive = identified.drive
-    if drive is None or drive.scatter_z is None:
-        raise InvalidValueError("estimates", "must include cart and drive")
-
-    def predicted(of: dict[str, float]) -> tuple[Values, Values]:
-        scatter = drive.scatter_z or 0.0, drive.scatter_phi
-        return predicted_by_rig(starts, of, d, scatter, workers=workers)
-
+    predicted = partial(
+        predicted_by_rig, starts, description=d, scatter=identified.scatter(), workers=workers
+    )
     read, states = predicted(values)
     held_out = errors_of(starts, read, horizons, values, d)
     progress("judging", 1, 3)
@@ -217,7 +211,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     progress("judging", 2, 3)
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
-    most = int(np.bincount(starts.windows.log).argmax())
+    most = int(np.bincount(starts.log).argmax())
     survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
     progress("judging", 3, 3)
     return Result(
@@ -241,15 +235,14 @@ def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
     from afl_mujoco.identification.identify import identify_pole, windows_of
 
     found, _ = identify_pole(windows_of(logs), identified.description)
-    expected = {"gravity": identified.description.nominal.gravity_term, "coupling": 1.0}
-    named = {name.removesuffix("_term"): one for name, one in found.estimates.items()}
+    expected = {"gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0}
     return {
-        name: Term(
+        name.removesuffix("_term"): Term(
             value=one.value, low=one.low, high=one.high, expected=expected.get(name),
             unit=one.unit, title=one.title,
         )
-        for name, one in named.items()
-        if name in ("gravity", "coupling", "damping", "friction")
+        for name, one in found.estimates.items()
+        if name in ("gravity_term", "coupling", "damping", "friction")
     }  # fmt: skip
 
 
@@ -257,19 +250,14 @@ def nominal_values(identified: Identified) -> dict[str, float]:
     """Return the parameters of pole and rig as the owners give them, with ideal sensors."""
     from afl_mujoco.identification import pole, rig
 
-    d = identified.description
-    n = d.nominal
-    whole, inertia = n.cart_mass + n.pole_mass, 4.0 / 3.0 * n.pole_mass * n.half_length**2
-    names = [one.name for one in (*pole.parameters_of(d), *rig.parameters_of(d))]
+    d, n = identified.description, identified.description.nominal
+    start = {one.name: one.start for one in (*pole.parameters_of(d), *rig.parameters_of(d))}
     return {
-        **dict.fromkeys(names, 0.0),
+        **dict.fromkeys(start, 0.0),
+        **{name: start[name] for name in ("gravity_term", "coupling", "mass_ratio", "gain")},
         "angle_scale": 1.0,
-        "gravity_term": n.gravity_term,
-        "coupling": 1.0,
-        "damping": n.hinge_damping / inertia,
-        "mass_ratio": n.pole_mass / whole,
-        "gain": n.force / whole,
-        "decay": n.rail_damping / whole,
+        "damping": n.hinge_damping / (4.0 / 3.0 * n.pole_mass * n.half_length**2),
+        "decay": n.rail_damping / (n.cart_mass + n.pole_mass),
     }
 
 
@@ -286,22 +274,19 @@ def _judge(
         why = "readings missing before the start, across the dead zone: without such starts it is "
         why += short(driven.clear_phi, 3)
     late = "commands that arrive late, or a drive that is not linear"
-    off = {name: _off(terms[name]) for name in ("gravity", "coupling")}
+    # value, half the width of its interval, whether it must be reached, and what is suspected
     measured: dict[str, tuple[float | None, float, bool, str]] = {
-        "gravity": (*off["gravity"], False, "the given length, or the hinge"),
-        "coupling": (*off["coupling"], False, "the scale of the position"),
+        "gravity": (*_off(terms["gravity"]), False, "the given length, or the hinge"),
+        "coupling": (*_off(terms["coupling"]), False, "the scale of the position"),
         "pole-0.2": (driven.away_phi, 0.0, False, why),
         "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
         "rig-0.5-z": (whole.explained_z, 0.0, True, late),
     }
-    judged, own, reason = (
-        [],
-        identified.description.limits,
-        "as the description of the cart-pole says",
-    )
+    own, judged = identified.description.limits, []
     for one in protocol()["statements"]:
         if one["id"] in own:
-            one = {**one, "limit": own[one["id"]], "reason": reason}
+            said = "as the description of the cart-pole says"
+            one = {**one, "limit": own[one["id"]], "reason": said}
         value, width, at_least, suspected = measured[one["id"]]
         if value is None:
             suspected = "not decided: these recordings never get there, or have no known resolution"
@@ -312,10 +297,10 @@ def _judge(
     return tuple(judged)
 
 
-def _off(term: Term) -> tuple[float | None, float]:
+def _off(term: Term) -> tuple[float, float]:
     """Return how far a term is from its expected value, and half its interval, relative to it."""
-    width = 0.5 * (term.high - term.low) / abs(term.expected or 1.0)
-    return None if term.expected is None else abs(term.value / term.expected - 1.0), width
+    expected = term.expected or 1.0
+    return abs(term.value / expected - 1.0), 0.5 * (term.high - term.low) / abs(expected)
 
 
 # --- what controllers would do on it ------------------------------------------------------------
@@ -403,7 +388,7 @@ def report(result: Result) -> Report:
         caption="Dots: measured (none in the dead zone of the angle). Lines: MuJoCo under the "
         "recorded command, for half a second from each fitted state. Bands: twice the rms error "
         "of all recordings after that time.",
-        draw=partial(draw_shown, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
+        draw=partial(draw_log, result.recorded, result.band * [[1.0], [2.0], [2.0]]),
     )
     blocks += [figure, *([_outlook(result.survival)] if result.survival else [])]
     return Report(headline=headline, passed=result.passed, blocks=blocks)

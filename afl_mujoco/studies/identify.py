@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated
 
 import tyro
 
@@ -19,7 +19,7 @@ from afl_mujoco.identification.log import Log
 from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
 from afl_mujoco.report.numbers import percent, short
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
-from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_shown, shown_of
+from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_log, shown_of
 
 ESTIMATES, SCENARIO = "estimates.json", "identified.toml"
 
@@ -41,18 +41,14 @@ class Options:
     for your own logs."""
 
 
-class Request(NamedTuple):
-    """What is identified."""
-
-    logs: Sequence[Log]
-    description: Description
+Request = tuple[Sequence[Log], Description]
 
 
 def prepare(options: Options) -> Request:
     """Return the logs and what they mean, or raise."""
     from afl_mujoco.identification.prediction import FIT, described_logs
 
-    return Request(*described_logs(options.logs, options.description, [FIT]))
+    return described_logs(options.logs, options.description, [FIT])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -68,9 +64,9 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     """Identify the cart-pole."""
     from afl_mujoco.identification.identify import identify
 
-    told = partial(progress, "identifying")
-    identified = identify(request.logs, request.description, workers=workers, progress=told)
-    longest = max(request.logs, key=lambda one: one.duration)
+    (logs, description), told = request, partial(progress, "identifying")
+    identified = identify(logs, description, workers=workers, progress=told)
+    longest = max(logs, key=lambda one: one.duration)
     return Result(identified=identified, shown=beside(identified, longest))
 
 
@@ -78,16 +74,12 @@ def beside(identified: Identified, log: Log) -> Shown | None:
     """Return a log beside the model; None without a drive, or if the log is too short."""
     from afl_mujoco.identification.prediction import predicted_by_rig, starts_of
 
-    if identified.drive is None:
-        return None
     try:
-        starts = starts_of([log], AHEAD, AHEAD, AHEAD)
-    except InvalidValueError:  # too short a log is no reason to lose what was identified
+        starts, scatter = starts_of([log], AHEAD, AHEAD, AHEAD), identified.scatter()
+    except InvalidValueError:  # neither is a reason to lose what was identified
         return None
-    drive, values = identified.drive, identified.values
-    scatter = (drive.scatter_z or 1e-3, drive.scatter_phi)
-    read, _ = predicted_by_rig(starts, values, identified.description, scatter)
-    return shown_of(log, starts, read, values)
+    read, _ = predicted_by_rig(starts, identified.values, identified.description, scatter)
+    return shown_of(log, starts, read, identified.values)
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -109,7 +101,7 @@ def report(result: Result) -> Report:
             title=f"{result.shown.name}, measured and simulated",
             caption="Dots: measured. Lines: MuJoCo under the recorded command, each from a state "
             "that was fitted to the half second before it.",
-            draw=partial(draw_shown, result.shown),
+            draw=partial(draw_log, result.shown),
         )
         blocks.append(figure)
     blocks.append(_estimates(one))

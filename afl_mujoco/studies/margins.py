@@ -39,10 +39,11 @@ from afl_mujoco.studies.shared.loop_margins import (
     linearize,
     loop_margins,
     require_rest,
+    target_of,
 )
 from afl_mujoco.studies.shared.search import find_threshold, scan_levels
 from afl_mujoco.studies.shared.tables import heat
-from afl_mujoco.values import require_positive
+from afl_mujoco.values import require_distinct, require_positive
 
 if TYPE_CHECKING:
     import mujoco
@@ -98,6 +99,7 @@ class Point(NamedTuple):
     scenario: Scenario  # of constant parameters
     period: float = PERIOD  # of the held inputs [s]
     timestep: float | None = None  # [s]; None for the longest up to 1 ms that divides the period
+    varied: tuple[str, ...] = ()  # the parameters in which it differs from others
 
     @property
     def linear(self) -> Point:
@@ -105,6 +107,14 @@ class Point(NamedTuple):
         own, r = bound(self.controller, self.scenario), self.scenario.imperfections
         linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
         return self._replace(controller=own, scenario=replace(self.scenario, imperfections=linear))
+
+    def row(self, loop: str, name: str, stable: bool, **found: float | None) -> Row:
+        """Return what was found at an input."""
+        nominal = self.scenario.nominal
+        return Row(
+            controller=self.controller.name, loop=loop, input=name,
+            parameters={key: nominal[key] for key in self.varied}, stable=stable, **found,
+        )  # fmt: skip
 
 
 class Request(NamedTuple):
@@ -133,7 +143,7 @@ class Request(NamedTuple):
             ranges=FIXED,
             belief=s.belief.known(s.nominal),
         )
-        return Point(controller, here, self.period, self.timestep)
+        return Point(controller, here, self.period, self.timestep, tuple(self.axes))
 
     def require(self) -> Request:
         """Raise unless one controller has slopes, or small motions, on the first plant."""
@@ -143,9 +153,7 @@ class Request(NamedTuple):
         if not self.scenario.plant.inputs:
             rule = "must have an input at which a loop is broken"
             raise InvalidValueError(f"plant {self.scenario.plant.name!r}", rule)
-        names = [one.name for one in self.controllers]
-        if not names or len(set(names)) < len(names):
-            raise InvalidValueError("controllers", "must hold at least one, each once", names)
+        require_distinct("controller", [one.name for one in self.controllers])
         refused = [refusal(self.point(one, self.plants[0])) for one in self.controllers]
         if refused[0] is not None and None not in refused:
             raise refused[0]
@@ -267,24 +275,24 @@ def value_of(row: Row, metric: str) -> float:
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Survey the margins and measure delays; the result does not depend on the workers."""
     r, s = request, request.scenario
-    reasons = {one.name: why_not_linear(one) for one in r.controllers}
-    not_linear = {name: reason for name, reason in reasons.items() if reason is not None}
+    reasons = ((one.name, why_not_linear(one)) for one in r.controllers)
+    not_linear = {name: reason for name, reason in reasons if reason is not None}
     linear = [one for one in r.controllers if one.name not in not_linear]
     points = [r.point(one, plant) for one in linear for plant in r.plants]
     rows: list[Row] = []
-    found = compute(partial(margins_at, tuple(r.axes)), points, "linearising", progress, workers)
+    found = compute(margins_at, points, "linearising", progress, workers)
     for point, some in zip(points, found, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear.setdefault(point.controller.name, str(some))
         else:
             rows += some
     units = [
-        (r.point(one, plant), tuple(r.axes), one.name not in not_linear)
+        (r.point(one, plant), one.name not in not_linear)
         for one in sorted(r.controllers, key=lambda one: one.name in not_linear)
         for plant in r.measured
     ]
     measured = compute(measure, units, "measuring", progress, workers)
-    for (point, *_), some in zip(units, measured, strict=True):
+    for (point, _), some in zip(units, measured, strict=True):
         if isinstance(some, AflMujocoError):
             not_linear[point.controller.name] = str(some)
         else:
@@ -329,7 +337,7 @@ def refusal(point: Point) -> AflMujocoError | None:
     return None
 
 
-def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError:
+def margins_at(point: Point) -> list[Row] | AflMujocoError:
     """Return margins of the continuous and of the held loop, or why there is no linearisation."""
     try:
         point = point.linear
@@ -342,22 +350,8 @@ def margins_at(names: Sequence[str], point: Point) -> list[Row] | AflMujocoError
         for i, name in enumerate(loop.inputs):
             own = {} if found is None else asdict(found[i])
             finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
-            rows.append(_row(point, names, kind, name, stable=found is not None, **finite))
+            rows.append(point.row(kind, name, found is not None, **finite))
     return rows
-
-
-def _row(
-    point: Point, names: Sequence[str], loop: str, name: str, *, stable: bool, **found: float | None
-) -> Row:
-    nominal = point.scenario.nominal
-    return Row(
-        controller=point.controller.name,
-        loop=loop,
-        input=name,
-        parameters={key: nominal[key] for key in names},
-        stable=stable,
-        **found,
-    )
 
 
 # --- small motions in MuJoCo --------------------------------------------------------------------
@@ -388,10 +382,9 @@ AT_REST = 1.0  # length of the run that shows whether the target is an equilibri
 STILL = 1e-6  # how far inputs may stray in it [N, N m] and the state end from its target [m, rad]
 
 
-def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoError:
+def measure(unit: tuple[Point, bool]) -> list[Row] | AflMujocoError:
     """Return what one loop tolerates in MuJoCo, gains too if it is not linear; or why not."""
-    point, names, linear = unit
-    inputs, rows = point.scenario.plant.inputs, []
+    (point, linear), rows = unit, []
     try:
         point = point.linear
         if linear:
@@ -401,8 +394,8 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
         else:
             held = inputs_at_rest(point)
         stable = motion_decays(point, Change(held=held))
-        for i, name in enumerate(inputs):
-            least = partial(_least, point, Change(i, held))
+        for i, name in enumerate(point.scenario.plant.inputs):
+            least = partial(_least, point, i, held)
             tolerated: dict[str, float | None] = {}
             if linear:
                 about = found[i].delay if found is not None else math.inf
@@ -413,7 +406,7 @@ def measure(unit: tuple[Point, Sequence[str], bool]) -> list[Row] | AflMujocoErr
                 tolerated["gain_decrease"] = least("gain", [1.0 / x for x in GAINS])
                 tolerated["gain_increase"] = least("gain", GAINS)
                 tolerated["delay"] = least("delay", DELAYS)
-            rows.append(_row(point, names, MEASURED, name, stable=stable, **tolerated))
+            rows.append(point.row(MEASURED, name, stable, **tolerated))
     except AflMujocoError as error:
         return error
     return rows
@@ -429,13 +422,14 @@ class Change(NamedTuple):
 
 
 def _least(
-    point: Point, change: Change, what: str, scan: list[float], tolerance: float = ROUGHLY
-) -> float | None:
+    point: Point, place: int, held: Sequence[float], what: str, scan: list[float],
+    tolerance: float = ROUGHLY,
+) -> float | None:  # fmt: skip
     """Return the delay or gain from which a small motion grows; 0 below the scan, None beyond."""
 
     def holds(level: float) -> bool:
         changed: Any = {what: level}
-        return motion_decays(point, change._replace(**changed))
+        return motion_decays(point, Change(place, held, **changed))
 
     found = find_threshold(holds, scan, tolerance)
     if found.fails_at is None:
@@ -469,8 +463,7 @@ def motion_decays(point: Point, change: Change) -> bool:
     run = small_motion(point, change, START, DURATION)
     if run.outcome.kind != COMPLETED:
         return False
-    target = np.array([*point.scenario.target, *np.zeros(len(point.scenario.target))])
-    return decays(np.abs(run.state - target))
+    return decays(np.abs(run.state - target_of(point.scenario)))
 
 
 def decays(away: NDArray[np.float64]) -> bool:
@@ -482,7 +475,7 @@ def decays(away: NDArray[np.float64]) -> bool:
 
 def small_motion(point: Point, change: Change, start: float, duration: float) -> Trajectory:
     """Return a run from a deviation [m, rad] in sampled mode, of whole control periods."""
-    controller, s, period, timestep = point
+    controller, s, period, timestep, _ = point
     r, plant, i = s.imperfections, s.plant, change.place
     name = plant.inputs[i]
     delays = {one: r.of_input("delay", one) + change.delay * (one == name) for one in plant.inputs}
@@ -490,7 +483,7 @@ def small_motion(point: Point, change: Change, start: float, duration: float) ->
         s,
         name="small motion",
         duration=max(1, round(duration / period)) * period,
-        initial_state=[*(x + start for x in s.target), *([0.0] * len(s.target))],
+        initial_state=target_of(s) + np.repeat([start, 0.0], len(s.target)),
         imperfections=replace(r, control_period=None, delay=delays, input_limit=None),
     )
 
@@ -588,12 +581,12 @@ def _delays(result: Result) -> tuple[list[str], dict[str, list[tuple[int, str]]]
     if len(plants) > 6:
         plants = [plants[0], plants[-1]]
     cells: dict[str, list[tuple[int, str]]] = {}
-    for controller in dict.fromkeys(row.controller for row in result.rows):
+    names = dict.fromkeys(row.controller for row in result.rows)
+    for controller, name in itertools.product(names, result.inputs):
         kind = HELD if controller in result.controllers else MEASURED
-        for name in result.inputs:
-            known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
-            label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
-            cells[label] = [_graded(known.get(plant)) for plant in plants]
+        known = {tuple(x.parameters.items()): x for x in result.of(controller, kind, name)}
+        label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
+        cells[label] = [_graded(known.get(plant)) for plant in plants]
     return [_place(result, dict(plant), "\n") for plant in plants], cells
 
 
@@ -639,7 +632,7 @@ def _measured(result: Result, name: str, one: str) -> Cell:
     pairs = [(linear[str(row.parameters)], row) for row in result.of(name, MEASURED, one)]
     away = [x for pair in pairs if (x := difference(*pair)) is not None]
     most = max(away, key=abs, default=None)
-    text = MISSING if most is None else f"{'+' * (most > 0.0)}{percent(most, 2)}"
+    text = "+" * (most is not None and most > 0.0) + percent(most, 2)
     return Cell(text, "" if all(agree(*pair) for pair in pairs) else "bad")
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from afl_mujoco.identification.least_squares import (
     Parameter,
+    Problem,
     fit,
     fit_to_scatter,
     with_uncertainty_of,
@@ -20,23 +21,26 @@ def decays(rng: np.random.Generator, windows: int, rate: float = 2.0, noise: flo
     return amplitudes * np.exp(-rate * T) + noise * rng.normal(size=(windows, len(T)))
 
 
-def fitted(data, parameters, groups=None):
-    """The rates, whose sum acts, and the windows' own amplitudes, by plain least squares."""
-    groups = np.arange(len(data)) if groups is None else groups
+def problem(data, mask=None, groups=None, known=0.0, ratio=1.0):
+    """The rates, whose sum acts, and the windows' own amplitudes; the second by a ratio."""
 
-    def residuals(shared, starts):
-        return (starts * np.exp(-shared.sum() * T) - data) / 0.01
+    def errors(shared, starts):
+        rate = shared[0] + ratio * shared[1:].sum() + known
+        return (starts * np.exp(-rate * T) - data)[:, None]
 
-    return fit(residuals, parameters, np.ones((len(data), 1)), groups, start_scale=np.ones(1))
+    every = np.ones((len(data), 1, len(T))) if mask is None else mask
+    return Problem(
+        errors, errors, every, np.arange(len(data)) if groups is None else groups, np.ones(1)
+    )
+
+
+def fitted(data, parameters, groups=None, ratio=1.0):
+    asked = problem(data, None, groups, ratio=ratio)
+    return fit(asked, parameters, np.ones((len(data), 1)), np.array([0.01]))
 
 
 def fitted_to_scatter(data, parameters, mask=None, known=0.0):
-    def errors(shared, starts):
-        return (starts * np.exp(-(shared.sum() + known) * T) - data)[:, None]
-
-    mask = np.ones((len(data), 1, len(T))) if mask is None else mask
-    own = np.ones((len(data), 1)), np.arange(len(data))
-    return fit_to_scatter(errors, mask, parameters, *own, start_scale=np.ones(1))
+    return fit_to_scatter(problem(data, mask, known=known), parameters, np.ones((len(data), 1)))
 
 
 def test_a_shared_rate_is_found_and_a_bound_is_met_exactly_and_has_no_interval() -> None:
@@ -53,7 +57,8 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
     for seed in range(120):
         data = decays(np.random.default_rng(seed), 24)
         found = fitted(data, [parameter("rate", 1.8)], np.repeat(np.arange(12), 2))
-        held.append(abs(found.values[0] - 2.0) <= found.half_widths[0])
+        one = found.estimates["rate"]
+        held.append(one.low <= 2.0 <= one.high)
     assert 0.88 <= np.mean(held) <= 0.99
 
 
@@ -74,13 +79,7 @@ def test_a_few_wild_readings_and_masked_ones_do_not_move_the_estimate() -> None:
 def test_two_that_only_act_together_are_correlated() -> None:
     data = decays(np.random.default_rng(4), 30)
 
-    def residuals(shared, starts):
-        return (starts * np.exp(-(shared[0] + 1.001 * shared[1]) * T) - data) / 0.01
-
-    found = fit(
-        residuals, [parameter("a", 1.0), parameter("b", 1.2)], np.ones((30, 1)), np.arange(30),
-        start_scale=np.ones(1),
-    )  # fmt: skip
+    found = fitted(data, [parameter("a", 1.0), parameter("b", 1.2)], ratio=1.001)
     assert abs(found.correlations[0, 1]) > 0.9 or found.errors.max() > 1.0
     assert found.values.sum() == pytest.approx(2.0, abs=0.1)
 
@@ -89,11 +88,6 @@ def test_what_was_taken_as_known_widens_the_interval() -> None:
     data = decays(np.random.default_rng(5), 40)
     first = fitted(data, [parameter("rate", 1.0)])
     second = fitted_to_scatter(data, [parameter("rest", 0.1)], known=first.values.sum())
-
-    def errors(values, own):
-        return (own * np.exp(-values.sum() * T) - data)[:, None]
-
-    every = np.ones((40, 1, len(T)))
-    whole = with_uncertainty_of(errors, every, second, first, start_scale=np.ones(1))
+    whole = with_uncertainty_of(problem(data), second, first)
     expected = second.covariance[0, 0] + first.covariance[0, 0]
     assert whole.covariance[0, 0] == pytest.approx(expected, rel=1e-3)

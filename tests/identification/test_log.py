@@ -30,7 +30,7 @@ def columns() -> dict[str, np.ndarray]:
 
 def written(folder, columns: dict[str, np.ndarray]):
     path = folder / "mine.csv"
-    write_log(path, np.array([columns[name] for name in ("time", "phi", "z", "command")]))
+    write_log(path, columns)
     return path
 
 
@@ -222,7 +222,7 @@ def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_pa
     (tmp_path / "rig.toml").write_text(GOOD)
     one = load_description(tmp_path / "rig.toml")
     assert one.columns == {"time": "time", "phi": "phi", "z": "z", "command": "command"}
-    assert one.angle_count == pytest.approx(0.0017453, rel=1e-4)
+    assert one.phi.count == pytest.approx(0.0017453, rel=1e-4)
     assert one.nominal.gravity_term == pytest.approx(29.43)
     one = replace(load_description(DESCRIPTION), limits={"pole-0.2": 5.0})
     (tmp_path / "again.toml").write_text(tomli_w.dumps(to_table(one)))
@@ -235,7 +235,7 @@ def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_pa
     ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
     ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
     ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
-    ("resolution = 0.1", 'column = "z"', "column must be for one signal alone, got 'z'"),
+    ("resolution = 0.1", 'column = "z"', "column names must differ, got 'z' twice"),
     ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
     ("[nominal]", "[limits]\ngravity = 0\n[nominal]", "limits.gravity must be positive, got 0"),
     ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "a whole number of so many digits"),

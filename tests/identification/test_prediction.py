@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.identification import pole, prediction, rig
-from afl_mujoco.identification.log import cut, log_of
+from afl_mujoco.identification.log import Windows, cut, log_of
 from tests.synthetic_logs import Truth, swing
 
 TRUTH = Truth()
@@ -15,64 +15,59 @@ SCATTER = (TRUTH.position_count, TRUTH.count)
 
 
 @pytest.fixture(scope="module")
-def starts() -> prediction.Starts:
+def w() -> Windows:
     return prediction.starts_of([log_of("a", swing(TRUTH, 8), D)], 0.3, 0.5, 0.1)
 
 
-def test_starts_are_where_they_should_be_and_nothing_predicted_is_fitted(starts) -> None:
-    w = starts.windows
-    assert starts.past == 16 and np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
-    rows, near = starts.rows(0.2)
+def test_starts_are_where_they_should_be_and_nothing_predicted_is_fitted(w) -> None:
+    assert w.past == 16 and np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
+    rows, near = w.rows(0.2)
     assert near.all()
-    after = w.time[np.arange(w.count), rows] - w.time[:, starts.past - 1]
+    after = w.time[np.arange(w.count), rows] - w.time[:, w.past - 1]
     assert after == pytest.approx(0.2, rel=1e-3)
-    w = starts.windows
-    spoilt = replace(w, phi=w.phi.copy(), z=w.z.copy())
-    spoilt.phi[:, starts.past :] += 0.5
-    spoilt.z[:, starts.past :] += 0.1
-    other = replace(starts, windows=spoilt)
-    assert np.array_equal(*(prediction.predicted_by_pole(s, VALUES, D) for s in (starts, other)))
-    here, there = (prediction.predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (starts, other))
+    other = replace(w, phi=w.phi.copy(), z=w.z.copy())
+    other.phi[:, w.past :] += 0.5
+    other.z[:, w.past :] += 0.1
+    assert np.array_equal(*(prediction.predicted_by_pole(s, VALUES, D) for s in (w, other)))
+    here, there = (prediction.predicted_by_rig(s, VALUES, D, SCATTER)[0] for s in (w, other))
     assert np.array_equal(here, there)
 
 
-def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_say(starts) -> None:
-    read, _ = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
-    near, far = prediction.errors_of(starts, read, (0.1, 0.5), VALUES, D)
+def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_say(w) -> None:
+    read, _ = prediction.predicted_by_rig(w, VALUES, D, SCATTER)
+    near, far = prediction.errors_of(w, read, (0.1, 0.5), VALUES, D)
     assert near.counts_phi < 3.0 and near.counts_z < 3.0
     assert near.explained_phi > 0.9999 and far.explained_phi > 0.99 and far.explained_z > 0.999
-    alone = prediction.predicted_by_pole(starts, VALUES, D)
+    alone = prediction.predicted_by_pole(w, VALUES, D)
     (driven,) = prediction.errors_of(
-        starts, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
+        w, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
     )
     assert driven.counts_phi < 3.0
     assert driven.rms_z is driven.counts_z is driven.explained_z is None
-    w = starts.windows
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
-    (found,) = prediction.errors_of(starts, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
+    (found,) = prediction.errors_of(w, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
     assert found.rms_z == pytest.approx(0.002) and found.counts_z == pytest.approx(20.0)
     assert found.counts_phi == pytest.approx(0.003 / TRUTH.count)
     assert found.rms_phi == pytest.approx(0.5 * 0.003)
-    rows, _ = starts.rows(0.2)
+    rows, _ = w.rows(0.2)
     z = w.z[np.arange(w.count), rows]
     assert found.explained_z == pytest.approx(1.0 - 0.002**2 / z.var())
     assert found.starts == w.count >= found.away
 
 
-def test_readings_that_say_nothing_are_not_judged_and_going_straight_on_is_no_model(starts) -> None:
-    w = starts.windows
+def test_readings_that_say_nothing_are_not_judged_and_going_straight_on_is_no_model(w) -> None:
     valid = w.valid.copy()
     valid[::2, -1] = 0.0
-    some = replace(starts, windows=replace(w, valid=valid))
+    some = replace(w, valid=valid)
     read = np.stack([w.z, w.phi], axis=1)
     read[::2, 1, -1] += 9.0
     (found,) = prediction.errors_of(some, read, (0.5,), VALUES, D)
     assert found.starts == w.count // 2 and found.rms_phi == 0.0
-    read, states = prediction.predicted_by_rig(starts, VALUES, D, SCATTER)
-    naive = prediction.straight_on(starts, states, VALUES)
-    assert naive[:, 1, starts.past - 1] == pytest.approx(read[:, 1, starts.past - 1], abs=1e-3)
-    (model,) = prediction.errors_of(starts, read, (0.5,), VALUES, D)
-    (none,) = prediction.errors_of(starts, naive, (0.5,), VALUES, D)
+    read, states = prediction.predicted_by_rig(w, VALUES, D, SCATTER)
+    naive = prediction.straight_on(w, states, VALUES)
+    assert naive[:, 1, w.past - 1] == pytest.approx(read[:, 1, w.past - 1], abs=1e-3)
+    (model,) = prediction.errors_of(w, read, (0.5,), VALUES, D)
+    (none,) = prediction.errors_of(w, naive, (0.5,), VALUES, D)
     assert none.rms_phi > 20.0 * model.rms_phi
 
 
@@ -91,7 +86,7 @@ def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.007, 0.0), (0.003, 0.02)])
 def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, lag: float) -> None:
     values = {**VALUES, "delay": delay, "lag": lag, "bias": 0.05}
-    forces = rig.Rig(windows=windows, description=TRUTH.description).forces(values)
+    forces = rig.Rig(windows, TRUTH.description).forces(values)
     (log,) = windows.logs
     fine = np.arange(0.0, log.duration, 1e-5)  # by brute force: Euler at 10 us
     command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]

@@ -171,7 +171,7 @@ CASES = {
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
     ],
     "margins": [
-        (["--controllers", "lqr", "lqr"], "controllers must hold at least one, each once"),
+        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--levels", "1"], "levels must be at least 2, got 1"),
         (["--control-period", "0"], "control_period must be positive, got 0"),
         (["--control-period", "1e9"], "control_period must be at most 10 s, got 1e+09"),

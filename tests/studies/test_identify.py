@@ -16,15 +16,10 @@ TRUTH = Truth()
 IDENTIFY = ("identify", "logs", "--description", "rig.toml", "--out", "out", "--workers", "1")
 
 
-def table(c: dict) -> np.ndarray:
-    return np.array([c[name] for name in ("time", "phi", "z", "command")])
-
-
 @pytest.fixture
 def rig(tmp_path):
     (tmp_path / "logs").mkdir()
-    c = swing(TRUTH, 4, 1.6)
-    write_log(tmp_path / "logs" / "one.csv", table(c))
+    write_log(tmp_path / "logs" / "one.csv", swing(TRUTH, 4, 1.6))
     (tmp_path / "rig.toml").write_text(tomli_w.dumps(to_table(TRUTH.description)))
     return tmp_path
 
@@ -60,7 +55,7 @@ def test_lost_rows_cost_what_they_held_and_no_more(rig, command_line) -> None:
 
 def identify_logs(folder, command_line, columns: dict) -> str:
     for name, c in columns.items():
-        write_log(folder / "logs" / f"{name}.csv", table(c))
+        write_log(folder / "logs" / f"{name}.csv", c)
     code, output, errors = command_line(*IDENTIFY)
     assert code == 2, output
     return errors

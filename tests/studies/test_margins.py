@@ -158,7 +158,7 @@ def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -
     mine = PythonController(name="mine", function=Remembering)
     period = 0.01
     (expected,) = loop_margins(linearize(LQR, AT_REST), period)
-    (found,) = margins.measure((margins.Point(mine, AT_REST, period), (), False))
+    (found,) = margins.measure((margins.Point(mine, AT_REST, period), False))
     assert found.stable
     for name in ("gain_decrease", "gain_increase", "delay"):
         assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=0.02), name
@@ -179,7 +179,7 @@ def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
     with pytest.raises(InvalidValueError, match=rule):
         margins.Request(AT_REST, own[1:2], GRID).require()
     late = PythonController(name="late", function=partial(Remembering, 1.0))
-    refused = margins.measure((margins.Point(replace(late, stateful=True), AT_REST), (), False))
+    refused = margins.measure((margins.Point(replace(late, stateful=True), AT_REST), False))
     assert "must hold the plant at its target, got z accelerates by 0.98" in str(refused)
 
 
@@ -208,7 +208,7 @@ def test_a_plant_of_several_inputs_is_measured_where_its_linear_margins_are(monk
     near = np.array([0.7, 1.4])  # each level is a run of 20 s
     monkeypatch.setattr(margins, "GAINS", [*near * expected[0].gain_increase])
     monkeypatch.setattr(margins, "DELAYS", [*near * expected[0].delay])
-    found = margins.measure((request.point(mine, (0.02,)), ("load",), False))
+    found = margins.measure((request.point(mine, (0.02,)), False))
     assert [row.input for row in found] == ["left", "right"]
     for row, due in zip(found, expected, strict=True):
         assert row.stable and row.parameters == {"load": 0.02}
@@ -247,15 +247,8 @@ def test_the_table_has_the_worst_of_the_stable_plants_and_what_was_measured() ->
 
 def test_what_is_measured_by_small_motions_has_its_worst_plant_and_its_reason() -> None:
     def motion(name: str, mass: float, stable: bool = True, **found: float | None) -> margins.Row:
-        place = {"cart_mass": mass, "half_length": 0.05}
-        return margins.Row(
-            controller=name,
-            loop=margins.MEASURED,
-            input="force",
-            parameters=place,
-            stable=stable,
-            **found,
-        )
+        own = {"parameters": {"cart_mass": mass, "half_length": 0.05}, "input": "force"}
+        return margins.Row(controller=name, loop=margins.MEASURED, stable=stable, **own, **found)
 
     result = replace(
         MADE_UP,

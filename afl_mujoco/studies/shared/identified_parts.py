@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.prediction import Starts
+from afl_mujoco.identification.log import Log, Windows
 from afl_mujoco.studies.shared.arrays import Array
 
 Values = NDArray[np.float64]
@@ -20,23 +19,24 @@ AHEAD = 0.5  # how long each simulation that is shown runs from its fitted state
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Shown:
-    """A log, and the model started from a state that was fitted to readings, again and again."""
+    """A log, and the model started from a state that was fitted to readings, if at all."""
 
     name: str
     time: Array  # [s], shape (N,), as are the three below
     z: Array  # [m]
     phi: Array  # [rad], NaN in the dead zone
     command: Array
-    simulated_time: Array  # [s], a row for each start, shape (S, n), as are the two below
-    simulated_z: Array  # [m]
-    simulated_phi: Array  # [rad]
+    # [s], a row for each start, shape (S, n), as are the two below
+    simulated_time: Array = field(default_factory=partial(np.empty, (0, 0)))
+    simulated_z: Array = field(default_factory=partial(np.empty, (0, 0)))  # [m]
+    simulated_phi: Array = field(default_factory=partial(np.empty, (0, 0)))  # [rad]
 
 
 def shown_of(
-    log: Log, starts: Starts, read: Values, values: dict[str, float], number: int = 0
+    log: Log, w: Windows, read: Values, values: dict[str, float], number: int = 0
 ) -> Shown:
     """Return a log, by its number among the logs, beside its predictions, one after the other."""
-    w, first, turn = starts.windows, starts.past - 1, 2.0 * np.pi
+    first, turn = w.past - 1, 2.0 * np.pi
     scale, offset = values.get("angle_scale", 1.0), values["angle_offset"]
     chosen, free_from = [], -np.inf
     for b in np.flatnonzero(w.log == number).tolist():
@@ -57,23 +57,17 @@ def shown_of(
     )
 
 
-def draw_log(
-    time: Values,
-    z: Values,
-    phi: Values,
-    command: Values,
-    simulated: Sequence[tuple[Values, Values, Values]] = (),
-    bands: Values | None = None,
-) -> Any:
-    """Draw a log and simulations; bands are times [s] and half-widths about both, shape (3, H)."""
+def draw_log(shown: Shown, bands: Values | None = None) -> Any:
+    """Draw a log beside the model; bands are times [s] and half-widths about both, shape (3, H)."""
     from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 
-    figure = new_figure(9.0, 7.0)
+    s, figure = shown, new_figure(9.0, 7.0)
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.4))
     labels = ("cart position z [m]", "pole angle φ [rad]")
-    for axis, values, label in zip(axes, (z, phi), labels, strict=False):
-        axis.plot(time, values, ".", color=BLACK, markersize=3.0, label="measured")
+    for axis, values, label in zip(axes, (s.z, s.phi), labels, strict=False):
+        axis.plot(s.time, values, ".", color=BLACK, markersize=3.0, label="measured")
         axis.set_ylabel(label)
+    simulated = zip(s.simulated_time, s.simulated_z, s.simulated_phi, strict=True)
     for i, (when, *predicted) in enumerate(simulated):
         name = "simulated from a fitted state" if i == 0 else None
         for k, (axis, values) in enumerate(zip(axes, predicted, strict=False)):
@@ -84,16 +78,9 @@ def draw_log(
                 axis.fill_between(
                     when, values - width, values + width, color=colour, alpha=0.2, linewidth=0.0
                 )
-    axes[2].step(time, command, where="post", color=GREY, linewidth=1.0)
+    axes[2].step(s.time, s.command, where="post", color=GREY, linewidth=1.0)
     axes[2].set_ylabel("command")
     axes[2].set_xlabel(TIME)
-    axes[2].set_xlim(float(time[0]), float(time[-1]))
+    axes[2].set_xlim(float(s.time[0]), float(s.time[-1]))
     axes[0].legend(ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     return figure
-
-
-def draw_shown(shown: Shown, bands: Values | None = None) -> Any:
-    """Draw a log beside the model."""
-    s = shown
-    simulated = list(zip(s.simulated_time, s.simulated_z, s.simulated_phi, strict=True))
-    return draw_log(s.time, s.z, s.phi, s.command, simulated, bands)

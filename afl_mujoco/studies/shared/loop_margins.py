@@ -85,7 +85,6 @@ class Loop:
     inputs: tuple[str, ...] = ("",)
     coordinates: int = 0
     held: tuple[float, ...] = (0.0,)  # the inputs at rest
-    disagreement: float = 0.0  # largest relative difference from those with a longer step
 
     @property
     def stable(self) -> bool:
@@ -104,7 +103,7 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     model = SimulatedModel(plant, imperfections=r)
     model.write(scenario.values_at(0.0))
     n = len(plant.coordinates)
-    target = np.array([*scenario.target, *np.zeros(n)])
+    target = target_of(scenario)
     told = controller.inputs_for(scenario.told_values(np.zeros(1)))
 
     def dynamics(state: Array, inputs: Array) -> Array:
@@ -123,24 +122,32 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
         )
         for step in (STEP, COARSER * STEP)
     )
-    gaps = (np.abs(x - y).max() / max(np.abs(x).max(), 1e-300)
-            for x, y in zip(fine, coarse, strict=True))  # fmt: skip
-    disagreement = max(map(float, gaps))
+    gaps = [np.abs(x - y).max() / max(np.abs(x).max(), 1e-300)
+            for x, y in zip(fine, coarse, strict=True)]  # fmt: skip
     a, b, k = fine
     if not np.isfinite(k).all():
         raise InvalidValueError(thing, "must have finite slopes", k.ravel().tolist())
     ahead, behind = _sides(command, target, STEP)
     bend = float(np.abs(ahead + behind - 2.0 * held[:, None]).max()) / STEP
     kink = bend / max(float(np.abs(k).max()), 1e-300)
-    if not disagreement <= AGREEMENT:
+    if not max(gaps) <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
-        raise NotSmoothError(thing, rule, f"{disagreement:.1e}")
+        raise NotSmoothError(thing, rule, f"{max(gaps):.1e}")
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise NotSmoothError(thing, rule, f"{kink:.1e}")
-    lags = [r.of_input("lag", name) for name in plant.inputs]
-    loop = Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()), disagreement)
-    return _lagging(loop, lags)
+    lags = np.array([r.of_input("lag", name) for name in plant.inputs])
+    late = np.eye(len(lags))[lags > 0.0]  # the inputs that follow what is commanded with a lag [s]
+    rates = np.diag(1.0 / lags[lags > 0.0])
+    a = np.block([[a, b @ late.T], [np.zeros((len(late), 2 * n)), -rates]])
+    b = np.vstack([b * (lags == 0.0), rates @ late])
+    k = np.hstack([k, np.zeros((len(k), len(late)))])
+    return Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()))
+
+
+def target_of(scenario: Scenario) -> Array:
+    """Return the state at rest at the target of a scenario."""
+    return np.array([*scenario.target, *np.zeros(len(scenario.target))])
 
 
 def require_rest(thing: str, scenario: Scenario, inputs: Array, model: SimulatedModel) -> Array:
@@ -151,24 +158,12 @@ def require_rest(thing: str, scenario: Scenario, inputs: Array, model: Simulated
         if not (low <= x <= high and math.isfinite(x)):
             within = f"{rule}, within {low:g} to {high:g}"
             raise InvalidValueError(thing, within, f"{name} = {x:g}")
-    target = np.array([*scenario.target, *np.zeros(len(plant.coordinates))])
-    for name, x in zip(plant.coordinates, model.accelerations(target, inputs), strict=True):
+    rates = model.accelerations(target_of(scenario), inputs)
+    for name, x in zip(plant.coordinates, rates, strict=True):
         if not abs(x) <= REST:
             said = f"{name} accelerates by {x:g} {plant.units[name]}/s²"
             raise InvalidValueError(thing, rule, said)
     return inputs
-
-
-def _lagging(loop: Loop, lags: Sequence[float]) -> Loop:
-    """Return a loop whose inputs follow what is commanded with first-order lags [s]."""
-    late = [i for i, lag in enumerate(lags) if lag > 0.0]
-    order, size = len(loop.a), len(loop.a) + len(late)
-    a, b, k = np.zeros((size, size)), np.zeros((size, len(lags))), np.zeros((len(lags), size))
-    a[:order, :order], b[:order], k[:, :order] = loop.a, loop.b, loop.k
-    for place, i in enumerate(late, order):
-        a[:order, place], b[:order, i] = loop.b[:, i], 0.0
-        a[place, place], b[place, i] = -1.0 / lags[i], 1.0 / lags[i]
-    return replace(loop, a=a, b=b, k=k)
 
 
 def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> Array:
@@ -216,7 +211,13 @@ def loop_margins(
 
     period, r = control_period, imperfections
     measured = period is not None and (r.differentiated or r.velocity_filter)
-    loop = _leaking(loop) if measured else _without_idle(loop)
+    several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
+    first = np.arange(len(loop.a)) < loop.coordinates
+    idle = first & ~np.logical_or(*several)  # coordinates that nothing depends on
+    if measured:  # sensors that difference positions need them: they return to 0, but hardly
+        loop = replace(loop, a=loop.a - LEAK * np.diag(idle))
+    else:
+        loop = replace(loop, a=loop.a[~idle][:, ~idle], b=loop.b[~idle], k=loop.k[:, ~idle])
     if period is None:
         if not loop.stable:
             return None
@@ -274,27 +275,6 @@ def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about:
         if beyond(high) >= 0.0:
             return float(brentq(beyond, low, high, xtol=1e-12 * period, rtol=1e-12))
     return about
-
-
-def _idle(loop: Loop) -> NDArray[np.bool_]:
-    """Return which states are coordinates that nothing depends on, as of a wheel that spins."""
-    several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
-    first = np.arange(len(loop.a)) < loop.coordinates
-    return np.asarray(first & ~np.logical_or(*several))
-
-
-def _without_idle(loop: Loop) -> Loop:
-    """Return a loop without the coordinates that nothing depends on."""
-    kept = ~_idle(loop)
-    return replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
-
-
-def _leaking(loop: Loop) -> Loop:
-    """Return a loop whose idle coordinates return to 0, but hardly.
-
-    Sensors that difference positions need them, though only their differences count.
-    """
-    return replace(loop, a=loop.a - LEAK * np.diag(_idle(loop)))
 
 
 def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.estimator import require_no_estimator
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import ticks_of
@@ -96,7 +95,9 @@ def require_runnable(
     """Raise if some scenarios cannot be run with some controllers in every simulator."""
     require_distinct("scenario", [s.name for s in scenarios])
     require_distinct("controller", [c.name for c in controllers])
-    require_no_estimator(controllers)
+    for controller in controllers:
+        if controller.estimates:
+            raise InvalidValueError(f"controller {controller.name!r}", controller.not_compiled)
     if len({(s.plant.name, s.plant.origin) for s in scenarios}) > 1:
         known = ", ".join(dict.fromkeys(s.plant.name for s in scenarios))
         raise InvalidValueError("scenarios", "must be of one plant in a comparison", known)
