@@ -20,10 +20,13 @@ def main() -> int:
     try:
         from afl_mujoco.cli import main as run
 
-        return run()
+        code = run()
     except KeyboardInterrupt:
         print("afl-mujoco: interrupted", file=sys.stderr)
-        return 130
+        code = 130
+    if code == 130:  # what a library was making complains as it goes, half made
+        sys.unraisablehook = _forget
+    return code
 
 
 def _open_missing_streams() -> None:
@@ -45,6 +48,10 @@ def _interrupt_again(lost: Any) -> None:
         return
     main_thread = threading.main_thread().ident
     threading.Timer(0.01, signal.pthread_kill, (main_thread, signal.SIGINT)).start()
+
+
+def _forget(lost: Any) -> None:
+    """Leave what Python drops alone."""
 
 
 if __name__ == "__main__":

@@ -127,7 +127,8 @@ def test_a_ctrl_c_that_comes_in_a_destructor_is_not_lost(folder) -> None:
     (folder / "own.py").write_text(
         "import signal\nsignal.signal(signal.SIGINT, signal.default_int_handler)\nclass Library:\n"
         "    def __del__(self): signal.raise_signal(signal.SIGINT)\nLibrary()\n"
-        "def force(t, state, belief): return 0.0\n"
+        "class Half:  # made, and gone only at the end\n    def __del__(self): raise ValueError\n"
+        "half = Half()\ndef force(t, state, belief): return 0.0\n"
     )
     result = run("validate", "--controllers", "own:force", cwd=folder)
     assert (result.returncode, result.stderr) == (130, "afl-mujoco: interrupted\n")
