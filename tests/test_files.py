@@ -92,6 +92,7 @@ def test_an_output_folder_that_links_nowhere_says_so(refuses, tmp_path: Path) ->
             assert f"output folder {out} cannot be written: {why}" in said
 
 
+@pytest.mark.slow
 def test_a_working_folder_that_is_gone_is_one_line(tmp_path: Path) -> None:
     gone = tmp_path / "gone"
     gone.mkdir()

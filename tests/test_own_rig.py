@@ -76,6 +76,7 @@ def test_states_forces_and_times_are_those_of_the_integration_from_scratch(name:
         assert expected is None or judged[key] == pytest.approx(expected, abs=0.03)
 
 
+@pytest.mark.slow
 def test_thresholds_of_delay_and_limit_are_those_of_the_integration_from_scratch() -> None:
     free = replace(SCENARIO, requirements=afl.Requirements())
     own = PythonController(name="firm", function=law_of("firm"))

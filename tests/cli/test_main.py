@@ -193,6 +193,7 @@ def shadowed(folder):
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flags", [[], ["-P"]], ids=["", "-P"])
 def test_no_file_of_the_working_folder_hides_a_module(shadowed, flags: list[str]) -> None:
     command = "-m afl_mujoco simulate short.toml --controller mine:force --no-page --out out"
@@ -203,6 +204,7 @@ def test_no_file_of_the_working_folder_hides_a_module(shadowed, flags: list[str]
     assert (shadowed / "out" / "short-mine.force-sampled.npz").is_file()
 
 
+@pytest.mark.slow
 def test_no_file_of_the_working_folder_hides_a_module_from_a_worker(shadowed) -> None:
     options = ("--samples", "4", "--workers", "2", "--no-worst-case", "--no-page", "--out", "out")
     done = run("montecarlo", "short.toml", "--controllers", "mine:force", *options, cwd=shadowed)

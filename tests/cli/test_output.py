@@ -46,6 +46,7 @@ def written(folder: Path) -> set[str]:
     return {path.name for path in (folder / "out").iterdir()}
 
 
+@pytest.mark.slow
 def test_an_output_of_another_encoding_gets_every_line(folder: Path) -> None:
     run = simulate("short.toml", "mine:force")
     code, said = shell(folder, ">said", *run, PYTHONIOENCODING="ascii")
@@ -56,6 +57,7 @@ def test_an_output_of_another_encoding_gets_every_line(folder: Path) -> None:
     assert len(written(folder)) == 2
 
 
+@pytest.mark.slow
 def test_what_a_controller_prints_in_a_worker_is_not_its_error(folder: Path) -> None:
     options = ("--samples", "2", "--no-worst-case", "--no-page", "--workers", "2", "--out", "out")
     arguments = ("montecarlo", "short.toml", "--controllers", "mine:force", *options)
@@ -64,6 +66,7 @@ def test_what_a_controller_prints_in_a_worker_is_not_its_error(folder: Path) -> 
     assert "UnicodeEncodeError" not in (folder / "out" / "montecarlo.json").read_text()
 
 
+@pytest.mark.slow
 def test_an_output_that_takes_nothing_is_2_after_the_files_are_written(folder: Path) -> None:
     full, run = "no space left on device", simulate("short.toml")
     for redirected, why, arguments in (
@@ -87,6 +90,7 @@ def test_a_pipe_that_closes_is_silent_and_keeps_the_verdict(folder, scenario, ve
     assert {Path(name).suffix for name in written(folder)} == {".npz", ".toml"}
 
 
+@pytest.mark.slow
 def test_a_stderr_that_is_full_costs_nothing_else_and_a_message_is_still_2(folder: Path) -> None:
     for redirected in ("2>/dev/full", ">&- 2>&-"):
         assert shell(folder, f">said {redirected}", "simulate", "nosuch")[0] == 2

@@ -246,6 +246,7 @@ def test_a_limit_is_of_later_calls_and_a_first_one_that_hangs_is_not_awaited_aga
     assert clock.perf_counter() - start < 5.0
 
 
+@pytest.mark.slow
 def test_the_limit_is_an_option_that_reaches_the_workers(module, tmp_path, capsys):
     module(
         "slow_mine",

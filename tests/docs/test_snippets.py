@@ -33,6 +33,7 @@ def verdicts(table: str) -> dict[str, str]:
     return {row[1]: re.sub(r"[^✓✗◐]", "", row[2]) for row in rows if row}
 
 
+@pytest.mark.slow
 def test_what_the_readme_says_is_printed_is_printed() -> None:
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     found = verdicts(readme)

@@ -56,6 +56,7 @@ def seen(scene, replay, path) -> np.ndarray:
     return np.array([*found.min(axis=0)[[0, 2]], *found.max(axis=0)[[1, 3]]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("falls", [False, True], ids=["stands", "falls"])
 @pytest.mark.parametrize("name", RUNS)
 def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):

@@ -51,6 +51,7 @@ def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, 
     assert how == "interpreted: compiled, they give other numbers"
 
 
+@pytest.mark.slow
 def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None:
     bodies = ("constants.G * 2.0", "weight(2.0)", "twice(constants.weight)")
     for i, body in enumerate(bodies):

@@ -64,6 +64,7 @@ def test_films_with_drawing_switched_off_are_told_so(tmp_path, monkeypatch, refu
     assert said.endswith("must not switch drawing off: unset it, or set egl or osmesa, got off")
 
 
+@pytest.mark.slow
 def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
     (tmp_path / "short.toml").write_text("duration = 0.1\n")
     arguments = ("short.toml", "--controllers", "lqr", "--size", "320x240", "--fps", "10")

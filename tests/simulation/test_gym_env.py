@@ -86,6 +86,7 @@ def test_the_scenarios_of_the_paper_are_registered_as_they_are_and_at_random() -
         assert drawn == name.endswith("-Random-v0")
 
 
+@pytest.mark.slow
 def test_importing_the_package_registers_whatever_is_imported_first() -> None:
     """And that loads neither MuJoCo nor Numba."""
     loaded = program("import afl_mujoco, gymnasium, sys", "print(*sys.modules)")[0].split()

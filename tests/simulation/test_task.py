@@ -278,6 +278,7 @@ def run_without(package, *lines):
 SAYS = "except afl_mujoco.AflMujocoError as error: print(error)"
 
 
+@pytest.mark.slow
 def test_without_dm_control_or_gymnasium_one_line_says_what_installs_it() -> None:
     said = run_without("dm_control", "try: afl_mujoco.load", SAYS, "print(afl_mujoco.compare)")
     assert "dm_control" in said[0] and "pip install --no-deps 'dm-control>=1.0.50,<1.1'" in said[0]

@@ -46,6 +46,7 @@ class Remembering:
         return HOLDING + 20.0 * (math.pi / 2.0 - state[0]) - 2.0 * state[1]
 
 
+@pytest.mark.slow
 def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable(monkeypatch) -> None:
     monkeypatch.setattr(margins, "DURATION", 6.0)  # it moves at some rad/s
     own = PythonController(name="remembering", function=Remembering)

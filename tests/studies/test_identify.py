@@ -24,6 +24,7 @@ def rig(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_command_writes_estimates_a_scenario_and_a_figure(rig, command_line) -> None:
     code, output, _ = command_line(*IDENTIFY)
     assert code == 0 and output.splitlines()[-1].startswith("made up: w2 = ")
@@ -36,6 +37,7 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig, command_line)
     assert (rig / "out" / "identify-log.png").is_file()
 
 
+@pytest.mark.slow
 def test_lost_rows_cost_what_they_held_and_no_more(rig, command_line) -> None:
     path = rig / "logs" / "one.csv"
     rows = path.read_text().splitlines()

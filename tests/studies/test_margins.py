@@ -154,6 +154,7 @@ class Remembering:
         return self.bias * (self.calls > 100) - float(self.gains @ state)
 
 
+@pytest.mark.slow
 def test_a_controller_with_a_memory_is_measured_where_the_linear_margins_are() -> None:
     mine = PythonController(name="mine", function=Remembering)
     period = 0.01
@@ -198,6 +199,7 @@ class Hovering:
         return self.loop.held - self.loop.k[:, :8] @ (state - self.target)
 
 
+@pytest.mark.slow
 def test_a_plant_of_several_inputs_is_measured_where_its_linear_margins_are(monkeypatch) -> None:
     """Its gains are factors on what departs from the input that holds it."""
     scenario = afl.load_scenario(QUADROTOR)

@@ -214,6 +214,7 @@ def test_the_worst_of_the_scenarios_counts_for_any_number_of_workers() -> None:
 CONTROLLER = "def push(time, state, belief):\n    return 20.0 * state[1] + 4.0 * state[3]\n"
 
 
+@pytest.mark.slow
 def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_line) -> None:
     (tmp_path / "pushing.py").write_text(CONTROLLER)
     (tmp_path / "short.toml").write_text("duration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n")

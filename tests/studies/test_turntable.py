@@ -78,6 +78,7 @@ def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> 
     assert attraction._reach("max_angle", None, "wheel", WHEEL) == pytest.approx(np.pi)
 
 
+@pytest.mark.slow
 def test_the_nearest_failure_of_a_scenario_that_fails_is_itself() -> None:
     strict = replace(WHEEL, requirements=afl.Requirements(max={"pole": 0.09}))
     space = SampleSpace(replace(strict, ranges=Ranges(varied={"pole": (0.0, 0.2)})))

@@ -72,6 +72,7 @@ def with_terms(plant: Plant, change) -> Plant:
     return replace(plant, terms=terms)
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_is_found_in_each_comparison_and_a_hair_at_random_points() -> None:
     def turned(q, v, p, m, h, b):
         pull = p.load * p.length * v[3] ** 2 * sin(q[3])
@@ -120,6 +121,7 @@ def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path)
         prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_it_can_read_of_late_requirements_too(tmp_path, command_line):
     text = f'plant = "{EXAMPLES}/double_pendulum.py:plant"\nduration = 1.0\n'
     (tmp_path / "own.toml").write_text(text + "initial_state = {shoulder = 3.3}\n")
@@ -136,6 +138,7 @@ def test_the_command_writes_what_it_can_read_of_late_requirements_too(tmp_path, 
     assert run(Request([scenario], [LQR], Settings())).failed_checks == []
 
 
+@pytest.mark.slow
 def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: Path) -> None:
     load = {"load": afl.staircase((0.5015,), (0.02, 0.3))}
     scenario = scenario_of(
