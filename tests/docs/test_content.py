@@ -17,27 +17,31 @@ from docs.tables import cells_as_table, tables
 from tests.planted_faults import load_faults
 
 CONTENT = Content()
-MADE = CONTENT.pages()
 
 
-@pytest.mark.parametrize("page", MADE, ids=lambda page: str(page.relative_to(DOCS.parent)))
-def test_every_page_is_as_the_templates_and_results_make_it(page) -> None:
-    assert page.read_text(encoding="utf-8") == MADE[page], "run: make docs"
+@pytest.fixture(scope="module")
+def made():
+    return CONTENT.pages()
 
 
-def test_what_can_be_read_asks_for_nothing_and_has_every_figure_that_it_shows() -> None:
+def test_every_page_is_as_the_templates_and_results_make_it(made) -> None:
+    for page, text in made.items():
+        assert page.read_text(encoding="utf-8") == text, f"{page.name}: run make docs"
+
+
+def test_what_can_be_read_asks_for_nothing_and_has_every_figure_that_it_shows(made) -> None:
     pages = {page for page in DOCS.rglob("*.md") if "_build" not in page.parts} | {README}
     there = {page for page in pages if PAGES not in page.parents}
-    assert {page for page in MADE if page.suffix == ".md"} < there
+    assert {page for page in made if page.suffix == ".md"} < there
     assert [page for page in there if "{{ " in page.read_text(encoding="utf-8")] == []
     there = {path.stem for path in (DOCS / FIGURES).iterdir()}
-    assert there == shown_in(MADE.values()), "run: make docs"
+    assert there == shown_in(made.values()), "run: make docs"
 
 
-def test_links_go_by_the_way_from_their_page_and_every_number_is_in_one() -> None:
+def test_links_go_by_the_way_from_their_page_and_every_number_is_in_one(made) -> None:
     finding = "(docs/explanation/claims.md#random-schedules)"
-    assert finding in MADE[README] and finding.replace("docs/", "") in MADE[DOCS / "index.md"]
-    assert "](../figures/thresholds.png)" in MADE[DOCS / "explanation" / "robustness.md"]
+    assert finding in made[README] and finding.replace("docs/", "") in made[DOCS / "index.md"]
+    assert "](../figures/thresholds.png)" in made[DOCS / "explanation" / "robustness.md"]
     text = "".join(page.read_text(encoding="utf-8") for page in PAGES.rglob("*.md"))
     declared = tomllib.loads((DOCS / "numbers.toml").read_text(encoding="utf-8"))
     names = {f"{group}.{name}" for group, numbers in declared.items() for name in numbers}
