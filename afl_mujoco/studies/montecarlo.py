@@ -37,6 +37,7 @@ from afl_mujoco.studies.shared.robustness import (
     NEAREST,
     Worst,
     changes_of,
+    gathered,
     require_samples,
     sample,
     search_worst,
@@ -206,10 +207,18 @@ def run(
     total, worst = samples * len(controllers), list[Worst]()
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
-        runs = sample(
-            controllers, space, samples, seed, deployed, executor,
-            lambda done, name: progress(f"sampling: {name}", done, total),
-        )  # fmt: skip
+        kept: dict[int, list[Run]] = {}
+        try:
+            runs = sample(
+                controllers, space, samples, seed, deployed, executor,
+                lambda done, name: progress(f"sampling: {name}", done, total), kept,
+            )  # fmt: skip
+        except KeyboardInterrupt:
+            runs = gathered(controllers, kept)
+            count = min(map(len, runs.values()))
+            if not count:
+                raise
+            raise Interrupted(_result(request, runs, ()), f"{count} of {samples} samples") from None
         try:
             for one in controllers:
                 if budget is None:

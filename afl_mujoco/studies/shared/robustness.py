@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,6 +49,9 @@ from afl_mujoco.studies.shared.search import (
 from afl_mujoco.values import require_distinct
 
 Scenarios = tuple[Scenario, ...]
+Samples = dict[str, list[Run]]
+"""Runs by controller, in the order of the samples."""
+
 Hardware = dict[str, Any]
 """Imperfections and errors of the belief by name, as `Scenario.changed` takes them."""
 
@@ -326,12 +330,16 @@ def sample(
     deployed: Deployed,
     executor: Executor,
     advance: Callable[[int, str], None] = lambda done, controller: None,
-) -> dict[str, list[Run]]:
-    """Run controllers on the same samples; sample i depends on neither workers nor count."""
+    kept: dict[int, list[Run]] | None = None,
+) -> Samples:
+    """Run controllers on the same samples; sample i depends on neither workers nor count.
+
+    What is done is in `kept` at once, for `gathered` where a Ctrl-C ends the rest.
+    """
     units = [
         (one, range(i, min(i + CHUNK, count)))
-        for one in controllers
         for i in range(0, count, CHUNK)
+        for one in controllers
     ]
     done = 0
 
@@ -341,10 +349,20 @@ def sample(
         done += len(numbers)
         advance(done, controller.name)
 
-    found = compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress)
-    runs: dict[str, list[Run]] = {controller.name: [] for controller in controllers}
-    for (controller, _), some in zip(units, found, strict=True):
-        runs[controller.name] += some
+    kept = {} if kept is None else kept
+    compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress, kept)
+    return gathered(controllers, kept)
+
+
+def gathered(controllers: Sequence[Controller], kept: Mapping[int, list[Run]]) -> Samples:
+    """Return the runs of the samples that every controller has done, from the first on."""
+    runs: Samples = {controller.name: [] for controller in controllers}
+    for first in itertools.count(0, len(controllers)):
+        parts = [kept.get(first + i) for i in range(len(controllers))]
+        if None in parts:
+            return runs
+        for some, part in zip(runs.values(), parts, strict=True):
+            some += part or []
     return runs
 
 
