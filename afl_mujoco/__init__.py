@@ -46,15 +46,16 @@ if TYPE_CHECKING:
         staircase,
         trapezoid,
     )
+    from afl_mujoco.scenario.time_steps import Deployed
     from afl_mujoco.simulation.mujoco_model import CartPoleModel
     from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
     from afl_mujoco.simulation.ode import simulate_ode
     from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-    from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
     from afl_mujoco.simulation.task import load
     from afl_mujoco.simulation.trajectory import Outcome, Trajectory
     from afl_mujoco.studies.check import check
     from afl_mujoco.studies.compare import compare
+    from afl_mujoco.studies.shared.run import Run, run_all
 
     __version__: str
 
@@ -88,14 +89,15 @@ _HOMES = {
         "staircase",
         "trapezoid",
     ),
+    "scenario.time_steps": ("Deployed",),
     "simulation.mujoco_model": ("CartPoleModel",),
     "simulation.mujoco_rollout": ("simulate_mujoco",),
     "simulation.simulate": ("simulate_ode", "simulate_ode_held", "simulate_ode_rk4"),
-    "simulation.sampled.rollouts": ("Rollouts", "run_rollouts"),
     "simulation.task": ("load",),
     "simulation.trajectory": ("Outcome", "Trajectory"),
     "studies.check": ("check",),
     "studies.compare": ("compare",),
+    "studies.shared.run": ("Run", "run_all"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -108,6 +110,7 @@ __all__ = [
     "CartPoleModel",
     "CartPoleParameters",
     "Controller",
+    "Deployed",
     "ForcePulse",
     "GainFunction",
     "GainGrid",
@@ -118,7 +121,7 @@ __all__ = [
     "Parameter",
     "Plant",
     "Requirements",
-    "Rollouts",
+    "Run",
     "Scenario",
     "Schedule",
     "StateFeedback",
@@ -141,7 +144,7 @@ __all__ = [
     "mass_matrix",
     "piecewise_linear",
     "rod",
-    "run_rollouts",
+    "run_all",
     "save_scenario",
     "simulate_mujoco",
     "simulate_ode",

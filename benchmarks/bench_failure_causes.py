@@ -51,8 +51,7 @@ def survivors(files: list[Path], law: Any, names: tuple[str, ...], threads: int)
     ideal = {name: IDEAL.at(name) for name in names}
     rigs = [afl.load_scenario(file) for file in files]
     rigs = [replace(rig, imperfections=rig.imperfections.changed(ideal)) for rig in rigs]
-    runs = afl.run_rollouts(rigs, law, threads=threads)
-    return sum(runs.outcome(i).kind == "completed" for i in range(len(runs)))
+    return sum(run.outcome == "completed" for run in afl.run_all(law, rigs, threads=threads))
 
 
 def fifths(feature: NDArray[np.float64], failed: NDArray[np.bool_]) -> str:

@@ -24,8 +24,9 @@ from ratios import median_ratio, say
 import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
-from afl_mujoco.simulation.sampled.rollouts import Rollouts, run_rollouts
+from afl_mujoco.studies.shared.run import Run, run_all
 
 TIMESTEP, THREADS = 1e-3, 2
 CONTROLLER = afl.CONTROLLERS["adaptive"]
@@ -74,11 +75,9 @@ def open_loop(scenario: Scenario, integrator: str, steps: int, batch: int) -> Ca
     )
 
 
-def closed_loop(batch: list[Scenario], integrator: str) -> Callable[[], Rollouts]:
+def closed_loop(batch: list[Scenario], integrator: str) -> Callable[[], list[Run]]:
     """Return a call of the whole Monte Carlo, preparation included."""
-    return lambda: run_rollouts(
-        batch, CONTROLLER, timestep=TIMESTEP, integrator=integrator, threads=THREADS
-    )
+    return lambda: run_all(CONTROLLER, batch, Deployed(integrator, TIMESTEP), threads=THREADS)
 
 
 def compare(integrator: str, options: argparse.Namespace) -> None:
@@ -89,7 +88,8 @@ def compare(integrator: str, options: argparse.Namespace) -> None:
         closed_loop(constant, integrator),
         closed_loop(changing, integrator),
     )
-    assert not any(call().status.any() for call in calls[1:])  # every step was simulated
+    for call in calls[1:]:  # every step was simulated
+        assert all(run.outcome == "completed" for run in call())
     calls[0]()
     rates: list[list[tuple[float, float]]] = [[] for _ in calls]
     for _ in range(options.repeats):

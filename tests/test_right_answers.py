@@ -87,9 +87,8 @@ def test_the_force_is_the_one_exerted_and_not_its_mean_over_a_step(delay: float)
     assert found["max_force"] == pytest.approx(np.abs(arrived).max(), rel=0.02)
     assert found["force_squared"] == pytest.approx(1e-3 * (arrived**2).sum(), rel=0.02)
     assert found["force_variation"] == pytest.approx(np.abs(np.diff(arrived)).sum(), rel=0.02)
-    many = afl.run_rollouts([scenario], "lqr")
-    assert not all(one.met for one in many.requirements[0])
-    assert many.max_force[0] == found["max_force"]
+    (row,) = afl.run_all("lqr", scenario)
+    assert row.missed and row.metrics["max_force"] == found["max_force"]
 
 
 @pytest.mark.parametrize("start", [1.0004, 1.0006, 1.001], ids=str)
@@ -163,8 +162,7 @@ def test_every_study_says_the_same_word(text, code, word, tmp_path, monkeypatch,
         assert row["failure"] == word, study
         columns.append([*row])
     assert all(found == columns[0] for found in columns)
-    found = afl.run_rollouts(["case.toml"], name)
-    assert found.failure(0) == word
+    assert afl.run_all(name, "case.toml")[0].failure == word
 
 
 def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn() -> None:

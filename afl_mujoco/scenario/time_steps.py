@@ -160,9 +160,16 @@ def ticks_of(
 
 @dataclass(frozen=True, slots=True)
 class Deployed:
-    """How MuJoCo runs: its integrator, its step and the control period [s], None for the default.
+    """How MuJoCo runs in sampled mode.
 
-    A scenario's own control period cannot be replaced.
+    Attributes
+    ----------
+    integrator
+        ``"RK4"``, ``"Euler"``, ``"implicit"`` or ``"implicitfast"``.
+    timestep
+        Physics step [s], by default the longest up to 1 ms that divides the control period.
+    control_period
+        How long inputs are held [s], by default one step; that of a scenario cannot be replaced.
     """
 
     integrator: str = "RK4"

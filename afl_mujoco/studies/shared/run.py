@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Plant
+from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.simulation.judgement import (
@@ -26,9 +27,6 @@ from afl_mujoco.simulation.judgement import (
 )
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
-
-if TYPE_CHECKING:
-    from afl_mujoco.simulation.sampled.rollouts import Rollout
 
 
 def columns_of(plant: Plant) -> tuple[str, ...]:
@@ -44,18 +42,42 @@ def columns_of(plant: Plant) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """One run: the row of every table."""
+    """One run, judged: the row of every table.
+
+    Attributes
+    ----------
+    scenario, controller
+        Their names.
+    draw
+        Which draw of noise and start it is, or the number of the sample or the start, from 0.
+    outcome
+        ``"completed"``, ``"fell"``, ``"diverged"`` or ``"controller failed"``.
+    failure
+        How it failed: how it ended early, else the requirement with the least margin; empty if it
+        met every requirement.
+    settled
+        Whether it was within its bands for the last second at least, required or not.
+    time
+        When it ended, or reached the end stop if that is its failure [s].
+    metrics
+        Largest deviations and integrals of their magnitudes by coordinate, largest commands and
+        inputs, settling time; None for a missing one.
+    requirements
+        How it meets each requirement of its scenario.
+    message
+        What a controller that computed no force said.
+    """
 
     scenario: str
     controller: str
-    draw: int = 0  # of noise and start, or number of the sample or the start, from 0
-    outcome: str  # one of `OUTCOMES`, or CONTROLLER_FAILED
-    failure: str  # how it failed, from `failure_of`; empty if it met every requirement
-    settled: bool  # within its bands for the last second at least, required or not
-    time: float | None  # when it ended, or reached the end stop if that is its failure [s]
-    metrics: Mapping[str, float | None]  # `columns_of` the plant
+    draw: int = 0
+    outcome: str
+    failure: str
+    settled: bool
+    time: float | None
+    metrics: Mapping[str, float | None]
     requirements: tuple[Judgement, ...]
-    message: str = ""  # of a controller that computed no force
+    message: str = ""
 
     @property
     def missed(self) -> list[Judgement]:
@@ -125,14 +147,47 @@ class Run:
 
 
 def run_all(
-    controller: Controller,
-    scenarios: Sequence[Scenario],
+    controller: Any,
+    scenarios: Scenario | str | Path | Sequence[Scenario | str | Path],
     deployed: Deployed = DEFAULT,
     *,
     threads: int = 1,
 ) -> list[Run]:
-    """Run a controller on scenarios as deployed; one that computes no force fails its own run."""
-    return [run for run, _ in run_kept(controller, scenarios, deployed, threads, keep=False)]
+    """Run a controller on scenarios, each as `simulate_mujoco` does in sampled mode, and judge it.
+
+    A run depends on its scenario alone, which includes its seed: it is the same to the last bit
+    with any other runs, on any number of threads, and in `simulate_mujoco` with the same settings.
+
+    Parameters
+    ----------
+    controller, scenarios
+        As `simulate_mujoco` takes them; one scenario, or several.
+    deployed
+        MuJoCo's integrator, its step [s], and the control period [s] of scenarios that have none.
+    threads
+        Number of threads, each with its own model. A single thread is that of the caller; so is
+        that of a Python controller, which can be stopped there if it hangs.
+
+    Returns
+    -------
+    list of Run
+        A row for each; a controller that computes no force fails its own run.
+
+    Raises
+    ------
+    AflMujocoError
+        If there is no scenario, controller or integrator of that name, or a number breaks its rule.
+
+    Examples
+    --------
+    >>> import afl_mujoco as afl
+    >>> [run.outcome for run in afl.run_all("lqr", ["nominal", "step-step"])]
+    ['completed', 'completed']
+    """
+    from afl_mujoco.control.catalogue import as_controller
+
+    own, asked = as_controller(controller), as_scenarios(scenarios)
+    return [run for run, _ in run_kept(own, asked, deployed, threads, keep=False)]
 
 
 def run_kept(
@@ -154,7 +209,7 @@ def run_kept(
     return [
         (_failed(scenario, controller, str(one)), None)
         if isinstance(one, AflMujocoError)
-        else (_of_rollout(scenario, controller, one), one.trajectory)
+        else (_row(scenario, controller, *one[:3], one.figures["stop_time"]), one.trajectory)
         for scenario, one in zip(scenarios, found, strict=True)
     ]
 
@@ -165,7 +220,7 @@ def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
     reached = (np.abs(run.state[:, : len(stops)]) >= stops).any(axis=1)
     figures = run.metrics | {"settling_time": settling_time(scenario, run)}
     stopped, asked = float(run.time[np.argmax(reached)]), judge(scenario, run)
-    return _row(scenario, controller, run.outcome, asked, figures, stopped)
+    return _row(scenario, controller, run.outcome, figures, asked, stopped)
 
 
 def numbered(runs: Iterable[Run]) -> list[Run]:
@@ -173,20 +228,12 @@ def numbered(runs: Iterable[Run]) -> list[Run]:
     return [replace(run, draw=number) for number, run in enumerate(runs)]
 
 
-def _of_rollout(scenario: Scenario, controller: Controller, run: Rollout) -> Run:
-    figures = {name: x if math.isfinite(x) else None for name, x in run.figures.items()}
-    if run.outcome.kind != COMPLETED:  # a part of the horizon cannot be compared
-        figures |= dict.fromkeys(name for name in figures if name.startswith("iae_"))
-    stopped = figures["stop_time"]
-    return _row(scenario, controller, run.outcome, run.requirements, figures, stopped)
-
-
 def _row(
     scenario: Scenario,
     controller: Controller,
     outcome: Outcome,
-    requirements: tuple[Judgement, ...],
     figures: Mapping[str, float | None],
+    requirements: tuple[Judgement, ...],
     stopped: float | None,
 ) -> Run:
     """Return the row of a run; `stopped` is when it reached an end stop, if it did [s]."""

@@ -78,12 +78,12 @@ def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, se
 
 def test_rollouts_estimate_the_same_and_estimates_along_a_run_can_be_kept(odd_scenario, estimating):
     scenarios = [replace(odd_scenario, imperfections=replace(REAL, seed=s)) for s in range(4)]
-    one, two = (afl.run_rollouts(scenarios, estimating, threads=threads) for threads in (1, 2))
+    one, two = (afl.run_all(estimating, scenarios, threads=threads) for threads in (1, 2))
     for i, scenario in enumerate(scenarios):
         run = simulate_mujoco(scenario, estimating, "sampled")
-        assert one.peak_phi[i] == two.peak_phi[i] == np.abs(run.state[:, 1]).max()
-        assert one.outcome(i) == two.outcome(i) == run.outcome
-    assert len(set(one.iae_phi.tolist())) == 4
+        assert one[i] == two[i] and one[i].ending == str(run.outcome)
+        assert one[i].metrics["peak_phi"] == np.abs(run.state[:, 1]).max()
+    assert len({row.metrics["max_command"] for row in one}) == 4
     scenario = replace(odd_scenario, imperfections=REAL)
     kept = simulate_estimated(scenario, estimating)
     run = simulate_mujoco(scenario, estimating, "sampled")

@@ -7,11 +7,8 @@ import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import metrics
 
-FIGURES = (
-    *("status", "end_time", "peak_z", "peak_phi", "max_command", "max_force"),
-    *("iae_z", "iae_phi", "settling_time", "stop_time"),
-)
 SETTINGS = {"integrator": "Euler", "control_period": 0.002}
+EULER = afl.Deployed(**SETTINGS)
 
 
 @pytest.fixture
@@ -38,35 +35,31 @@ def scenarios(rng):
     return scenarios
 
 
-def same(one, other):
-    return all(getattr(one, name).tobytes() == getattr(other, name).tobytes() for name in FIGURES)
-
-
 def test_threads_and_repetitions_change_no_bit_and_one_error_is_raised(scenarios, adaptive):
-    one = afl.run_rollouts(scenarios, adaptive, **SETTINGS)
+    one = afl.run_all(adaptive, scenarios, EULER)
     for threads in (1, 2, 3):
-        assert same(afl.run_rollouts(scenarios, adaptive, threads=threads, **SETTINGS), one)
-    assert 0 < (one.status > 0).sum() < len(one) == 24  # some fell, some did not
+        assert afl.run_all(adaptive, scenarios, EULER, threads=threads) == one
+    assert 0 < sum(run.outcome == "fell" for run in one) < len(one) == 24
     with pytest.raises(InvalidValueError, match=r"^threads must be at least 1, got 0$"):
-        afl.run_rollouts(scenarios, adaptive, threads=0)
-    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
-    with pytest.raises(InvalidValueError, match=r"^switching of the gain function at M = 1 kg"):
-        afl.run_rollouts([*scenarios, tiny], afl.CONTROLLERS["adaptive"], threads=2)
+        afl.run_all(adaptive, scenarios, threads=0)
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
-        afl.run_rollouts(scenarios, adaptive, timestep=0.0)
+        afl.run_all(adaptive, scenarios, afl.Deployed(timestep=0.0), threads=2)
+    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
+    (failed,) = afl.run_all("adaptive", tiny)
+    assert failed.failure == "controller failed" and "at M = 1 kg, l = 0.001" in failed.message
 
 
 def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptive, tmp_path):
-    many = afl.run_rollouts(scenarios, adaptive, threads=2, **SETTINGS)
-    for i, scenario in enumerate(scenarios):
+    many = afl.run_all(adaptive, scenarios, EULER, threads=2)
+    for row, scenario in zip(many, scenarios, strict=True):
         afl.save_scenario(scenario, file := tmp_path / "s.toml")
         again = afl.find_scenario(str(file))
         run = afl.simulate_mujoco(again, adaptive, "sampled", **SETTINGS)
-        assert many.outcome(i) == run.outcome
+        assert row.ending == str(run.outcome)
         z, phi = np.abs(run.state[:, :2]).T
-        assert many.peak_z[i] == z.max() and many.peak_phi[i] == phi.max()
-        assert many.max_force[i] == run.metrics["max_force"]
-        if run.outcome.kind == "completed":
-            theirs = metrics(scenario, adaptive, run)
-            assert many.iae_z[i] == pytest.approx(theirs["iae_z"], rel=1e-12)
-            assert many.iae_phi[i] == pytest.approx(theirs["iae_phi"], rel=1e-12)
+        found, theirs = row.metrics, metrics(scenario, adaptive, run)
+        assert (found["peak_z"], found["peak_phi"]) == (z.max(), phi.max())
+        assert found["max_force"] == theirs["max_force"]
+        for name in ("iae_z", "iae_phi"):
+            expected = theirs[name] and pytest.approx(theirs[name], rel=1e-12)
+            assert found[name] == expected
