@@ -17,7 +17,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.cartpole_feedback import GainGrid, StateFeedback
     from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller
     from afl_mujoco.control.controller import Controller
     from afl_mujoco.control.gains import FIXED_GAINS, GainFunction, Gains
@@ -61,7 +60,6 @@ if TYPE_CHECKING:
 
 _HOMES = {
     "control.law": ("control_force", "sliding_variable"),
-    "control.cartpole_feedback": ("GainGrid", "StateFeedback"),
     "control.catalogue": ("CONTROLLERS", "AFLController", "find_controller"),
     "control.gains": ("FIXED_GAINS", "GainFunction", "Gains"),
     "control.controller": ("Controller",),
@@ -113,7 +111,6 @@ __all__ = [
     "Deployed",
     "ForcePulse",
     "GainFunction",
-    "GainGrid",
     "Gains",
     "Imperfections",
     "Impulse",
@@ -124,7 +121,6 @@ __all__ = [
     "Run",
     "Scenario",
     "Schedule",
-    "StateFeedback",
     "Trajectory",
     "__version__",
     "acceleration",

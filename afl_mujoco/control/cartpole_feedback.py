@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import functools
-import hashlib
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.linalg import LinAlgError
-from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import (
     LINEAR,
@@ -20,96 +18,19 @@ from afl_mujoco.control.controller import (
     CompiledController,
     Controller,
     assumed_as_data,
-    interpolated_gains,
 )
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
-from afl_mujoco.values import require_type
-
-GAIN_COUNT = 4
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GainGrid:
-    """Gains of (z, phi, z_dot, phi_dot) at the nodes of a grid over M and l.
+class GainGrid(NamedTuple):
+    """Gains of (z, phi, z_dot, phi_dot) at the nodes of a grid over M and l."""
 
-    Attributes
-    ----------
-    masses, lengths
-        Nodes M [kg] and l [m], positive and increasing; a single node applies to every M or l.
-    table
-        Gains at the nodes, shape (len(masses), len(lengths), 4), read-only.
-
-    Raises
-    ------
-    InvalidValueError
-        If nodes are not positive and increasing, or the table is not finite or of another shape.
-    """
-
-    masses: Floats
+    table: Floats  # gains at the nodes, shape (len(masses), len(lengths), 4)
+    masses: Floats  # nodes M [kg] and l [m], increasing
     lengths: Floats
-    table: Floats
-
-    def __post_init__(self) -> None:
-        for name in ("masses", "lengths", "table"):
-            try:
-                array = np.array(getattr(self, name), dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InvalidValueError(f"{name} of the gain grid", "must be numbers") from None
-            if not np.isfinite(array).all():
-                raise InvalidValueError(f"{name} of the gain grid", "must be finite")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
-        for name, nodes in (("masses", self.masses), ("lengths", self.lengths)):
-            if nodes.ndim != 1 or not len(nodes) or np.any(np.diff(nodes, prepend=0.0) <= 0.0):
-                rule = "must be positive and increasing"
-                raise InvalidValueError(f"{name} of the gain grid", rule, nodes.tolist())
-        shape = (len(self.masses), len(self.lengths), GAIN_COUNT)
-        if self.table.shape != shape:
-            raise InvalidValueError("table of gains", f"must have shape {shape}", self.table.shape)
-
-    @classmethod
-    def constant(cls, gains: ArrayLike) -> GainGrid:
-        """Return the grid that always gives the same gains.
-
-        Parameters
-        ----------
-        gains
-            Gains of (z, phi, z_dot, phi_dot) [N/m, N/rad, N s/m, N s/rad], or [1/s^2,
-            m/(rad s^2), 1/s, m/(rad s)] for state feedback through (L1).
-        """
-        k = tuple(gains) if isinstance(gains, Iterable) else (gains,)
-        if len(k) != GAIN_COUNT:
-            raise InvalidValueError("gains", "must be four", len(k))
-        return cls(np.ones(1), np.ones(1), np.array([[k]]))
-
-    def over(self, plants: PlantRange) -> GainGrid:
-        """Return the grid itself, or raise InvalidValueError if plants lie beyond its nodes."""
-        axes = (("M", "kg", self.masses, plants.cart_mass), ("l", "m", self.lengths, plants[1]))
-        for name, unit, nodes, ends in axes:
-            least, largest = nodes[0] * (1.0 - SLACK), nodes[-1] * (1.0 + SLACK)
-            for value in ends:
-                if len(nodes) > 1 and not least <= value <= largest:
-                    rule = f"must lie within its nodes, {nodes[0]:g} to {nodes[-1]:g} {unit}"
-                    raise InvalidValueError(f"{name} for the gain grid", rule, f"{value:g} {unit}")
-        return self
-
-    def gains(self, cart_mass: float, half_length: float) -> Floats:
-        """Return the gains for one plant, shape (4,), NaN beyond the nodes.
-
-        Parameters
-        ----------
-        cart_mass, half_length
-            M [kg] and l [m].
-        """
-        arrays = (self.table.copy(), self.masses.copy(), self.lengths.copy())
-        return np.array(interpolated_gains(*arrays, float(cart_mass), float(half_length)))
-
-
-SLACK = 1e-10
-"""Relative amount by which round-off may pass an end node; `interpolated_gains` allows more."""
 
 
 class LinearModel(NamedTuple):
@@ -178,65 +99,36 @@ FORMULAS: Mapping[int, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StateFeedback(Controller):
-    """A linear feedback of the state, with its gains and the parameters it assumes.
+    """A linear feedback of the state; it has a force also where the paper's controller has none."""
 
-    It has a force at every state, even where the paper's controller has none.
-
-    Attributes
-    ----------
-    name
-        Name for reports and files.
-    kind
-        1, feedback to the force, or 2, feedback to the cart's acceleration u, which the input map
-        (L1) of the assumed plant turns into a force.
-    gains
-        Gains by the assumed M and l: a table, valid within its nodes only, or a design, which has
-        gains for any plant.
-    belief
-        Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
-        (decision D7).
-    """
-
-    name: str
+    name: str  # name for reports and files
+    # 1, feedback to the force, or 2, feedback to the cart's acceleration u, which the input map
+    # (L1) of the assumed plant turns into a force
     kind: int
-    gains: GainGrid | Design
+    design: Design  # gains by the assumed M and l
+    # constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
     belief: CartPoleParameters | None = None
-
-    def __post_init__(self) -> None:
-        require_type("controller name", self.name, str)
-        require_type("gains", self.gains, GainGrid | Design)
-        require_type("belief", self.belief, CartPoleParameters | None)
-        if self.kind not in FORMULAS:
-            raise InvalidValueError(
-                "kind", f"must be LINEAR ({LINEAR}) or PARTIAL ({PARTIAL})", self.kind
-            )
 
     def nodes(self, plants: PlantRange) -> tuple[Floats, Floats]:
         """Return the nodes between which the gains are interpolated, none for one assumed plant."""
         if self.belief is not None:
             return np.empty(0), np.empty(0)
-        grid = self.gains.over(plants)
-        return grid.masses, grid.lengths
+        return self.design.over(plants)[1:]
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: copies, which they may write to."""
         try:
-            grid = self.gains.over(plants if self.belief is None else PlantRange.of(self.belief))
+            grid = self.design.over(plants if self.belief is None else PlantRange.of(self.belief))
         except InvalidValueError as error:
             raise error.within(f"controller {self.name!r}: ") from None
-        return CompiledController(
-            self.kind, grid.table.copy(), grid.masses.copy(), grid.lengths.copy()
-        )
+        return CompiledController(self.kind, *(one.copy() for one in grid))
 
     def describe(self) -> dict[str, Any]:
-        """Return the controller as plain data, for provenance; a table as its hash."""
-        gains = self.gains
+        """Return the controller as plain data, for provenance."""
         return {
             "name": self.name,
             "formula": FORMULAS[self.kind],
-            "gains": dict(gains.description)
-            if isinstance(gains, Design)
-            else {"table": hashlib.blake2b(gains.table.tobytes(), digest_size=8).hexdigest()},
+            "gains": dict(self.design.description),
             "belief": assumed_as_data(self.belief),
         }
 
@@ -334,7 +226,7 @@ def _grid(
         [2.0 ** (node / NODES_PER_OCTAVE) for node in range(*ends)] for ends in (rows, columns)
     )
     table = [[_gains(method, mass, length, *constants) for length in lengths] for mass in masses]
-    return GainGrid(np.array(masses), np.array(lengths), np.array(table))
+    return GainGrid(np.array(table), np.array(masses), np.array(lengths))
 
 
 @functools.lru_cache(maxsize=65536)

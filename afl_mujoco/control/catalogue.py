@@ -135,7 +135,7 @@ def _build() -> dict[str, Controller]:
     catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
     catalogue.append(PythonController(name=ANGLE, function=angle.force))
     catalogue += [
-        StateFeedback(name=n, kind=kind, gains=design) for n, (kind, design) in DESIGNS.items()
+        StateFeedback(name=n, kind=kind, design=design) for n, (kind, design) in DESIGNS.items()
     ]
     return {controller.name: controller for controller in catalogue}
 

@@ -6,7 +6,7 @@ from scipy.signal import place_poles
 
 import afl_mujoco as afl
 from afl_mujoco.control import cartpole_feedback as design
-from afl_mujoco.control.controller import LINEAR, PARTIAL
+from afl_mujoco.control.controller import LINEAR, interpolated_gains
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.simulation.ode import solve_ode
@@ -106,8 +106,8 @@ def test_the_placed_poles_are_those_of_the_paper_s_controller_with_its_fixed_gai
 
 
 def window(name, plant):
-    grid = afl.CONTROLLERS[name].gains.over(PlantRange.of(plant))
-    return grid.gains(plant.cart_mass, plant.half_length)
+    told = [plant.cart_mass, plant.pole_mass, plant.half_length, plant.gravity]
+    return afl.CONTROLLERS[name].inputs_for(np.array([told]))[0, 4:]
 
 
 @pytest.mark.parametrize("name", BASELINES)
@@ -123,52 +123,24 @@ def test_between_the_nodes_the_gains_are_the_plant_s_whoever_else_was_asked_for(
         poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
         assert poles.real.max() < -0.2
     box = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81)
-    whole = afl.CONTROLLERS[name].gains.over(box)
+    whole = how.over(box)
     nodes = [2.0 ** (k / 4.0) for k in range(-12, 1)]  # at a node, and a hair off it
     pairs = [*rng.uniform([0.1, 0.05], [2.0, 1.0], (20, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
     pairs += [(np.nextafter(x, 0.0), np.nextafter(x, 9.0)) for x in nodes[:-1]]
     for mass, length in pairs:
         alone = window(name, afl.CartPoleParameters(cart_mass=mass, half_length=length))
-        np.testing.assert_array_equal(alone, whole.gains(mass, length))
+        np.testing.assert_array_equal(alone, interpolated_gains(*whole, mass, length))
 
 
-def test_a_table_is_refused_beyond_its_nodes_before_anything_runs(odd_scenario):
-    grid = design.GainGrid([1.0, 2.0], [0.1, 0.9], np.ones((2, 2, 4)))
-    controller = design.StateFeedback(name="mine", kind=LINEAR, gains=grid)
-    message = r"M for the gain grid must lie within its nodes, 1 to 2 kg, got 8 kg"
-    heavy = afl.CartPoleParameters(cart_mass=8.0)
-    with pytest.raises(InvalidValueError, match=f"^controller 'mine': {message}"):
-        controller.force((0.0, 0.1, 0.0, 0.0), heavy)
-    scenario = odd_scenario.with_schedule(cart_mass=8.0)
-    for simulate in (afl.simulate_ode, afl.simulate_mujoco):
-        with pytest.raises(InvalidValueError, match=message):
-            simulate(scenario, controller)
-    assert np.isnan(controller.gains.gains(8.0, 0.5)).all()
-
-
-def test_constant_gains_make_a_controller_of_one_s_own(odd_parameters):
-    gains = design.GainGrid.constant((-1.0, 40.0, -2.0, 9.0))
-    controller = design.StateFeedback(name="mine", kind=LINEAR, gains=gains)
-    assert controller.force((0.5, 0.1, 1.0, -1.0), odd_parameters) == -(-0.5 + 4.0 - 2.0 - 9.0)
-
-
-def test_what_is_no_controller_or_has_no_gains_is_refused():
+def test_a_plant_without_gains_is_refused_and_beyond_its_nodes_a_table_has_none():
     floating = afl.CartPoleParameters(gravity=1e-12)
-    with pytest.raises(InvalidValueError, match="the plant must be one that the gains can be"):
+    with pytest.raises(InvalidValueError, match=r"^controller 'lqr': the plant must be one that"):
         afl.CONTROLLERS["lqr"].force((0.0, 0.1, 0.0, 0.0), floating)
-    gains = design.GainGrid.constant((1.0, 2.0, 3.0, 4.0))
-    with pytest.raises(InvalidValueError, match=r"^kind must be LINEAR \(1\) or PARTIAL \(2\)"):
-        design.StateFeedback(name="x", kind=0, gains=gains)
-    with pytest.raises(InvalidValueError, match=r"^gains must be of type GainGrid or Design"):
-        design.StateFeedback(name="x", kind=PARTIAL, gains=(1.0, 2.0, 3.0, 4.0))
-    with pytest.raises(InvalidValueError, match=r"^gains must be four, got 3$"):
-        design.GainGrid.constant((1.0, 2.0, 3.0))
-    with pytest.raises(InvalidValueError, match=r"must have shape \(2, 1, 4\), got \(1, 1, 4\)"):
-        design.GainGrid([1.0, 2.0], [1.0], gains.table)
-    with pytest.raises(InvalidValueError, match=r"^masses of the gain grid must be positive and"):
-        design.GainGrid([2.0, 1.0], [1.0], np.zeros((2, 1, 4)))
-    with pytest.raises(InvalidValueError, match=r"^table of the gain grid must be finite$"):
-        design.GainGrid([1.0], [1.0], np.full((1, 1, 4), np.nan))
+    _, how = design.DESIGNS["lqr"]
+    grid = how.over(PlantRange((1.0, 2.0), (0.1, 0.9), 0.05, 9.81))
+    for mass, length in ((0.5, 0.5), (4.0, 0.5), (1.5, 0.05), (1.5, 2.0)):
+        assert np.isnan(interpolated_gains(*grid, mass, length)).all()
+    assert np.isfinite(interpolated_gains(*grid, 1.0, 0.9)).all()
 
 
 @pytest.mark.parametrize("name", [*BASELINES, "fixed", "adaptive", "adaptive-angle"])

@@ -8,7 +8,6 @@ import pytest
 from scipy.integrate._ivp.common import select_initial_step
 
 import afl_mujoco as afl
-from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.cartpole_equations import terms
 from afl_mujoco.scenario.time_steps import time_grid
@@ -18,6 +17,7 @@ from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.simulate import MovingTrees
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
+from tests.feedback import feedback
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
 
@@ -129,8 +129,7 @@ def test_steps_are_scipys_at_a_loose_tolerance_and_on_mujocos_dynamics():
 @pytest.mark.parametrize("start", [(0, 1.2, 0, 3.0), (0, -1.56, 0, -0.01), (0, 0.3, 0, 9.0)])
 def test_a_fall_is_found_when_scipy_finds_it(start):
     scenario = replace(afl.SCENARIOS["nominal"], initial_state=start)
-    none = afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
-    controller = afl.StateFeedback(name="none", kind=LINEAR, gains=none)
+    controller = feedback(0.0, 0.0, 0.0, 0.0)
     run = afl.simulate_ode(scenario, controller)
     states, outcome = by_scipy(scenario, controller, period=1e-3)
     assert run.outcome.kind == outcome.kind == "fell"

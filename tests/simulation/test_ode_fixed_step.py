@@ -7,11 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import afl_mujoco as afl
-from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.cartpole_equations import velocity_jump
 from afl_mujoco.simulation.ode_fixed_step import Holds
+from tests.feedback import feedback
 
 STEP_SIZES = (4e-3, 2e-3, 1e-3, 5e-4)
 HELD_STEP = 2e-3
@@ -102,13 +102,12 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
         name="lost", schedule={"cart_mass": lighter}, initial_state=(1.0, 0.1, 0.0, 0.0),
         duration=0.1,
     )  # fmt: skip
-    gains = afl.GainGrid.constant((1e3, 0.0, 0.0, 0.0))
-    spring = afl.StateFeedback(name="spring", kind=LINEAR, gains=gains)
+    spring = feedback(1e3, 0.0, 0.0, 0.0)
     own = PythonController(name="own", function=lambda time, state, belief: -1e3 * state[0])
     for controller in (spring, own):
         run = afl.simulate_ode_held(scenario, controller, timestep=0.02, holds=Holds(), substeps=1)
         assert str(run.outcome) == "diverged at t = 0.02 s"
-        np.testing.assert_allclose(run.force, -1e3 * run.state[:, 0], rtol=1e-15)
+        np.testing.assert_allclose(run.force, -1e3 * run.state[:, 0], rtol=1e-12)
         assert len(run.force) == 2
 
 

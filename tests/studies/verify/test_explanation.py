@@ -6,12 +6,12 @@ import math
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.controller import LINEAR
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.studies.verify import explanation
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.convergence import STEPS, Study, sampled_study
 from afl_mujoco.studies.verify.criteria import CRITERIA
+from tests.feedback import feedback
 
 PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
 SHORT = dataclasses.replace(
@@ -73,8 +73,7 @@ def test_the_plateau_check_fails_on_a_match_and_a_run_that_fell_is_not_explained
     assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == ((), None, None)
 
 
-NONE = afl.GainGrid.constant((0.0, 0.0, 0.0, 0.0))
-NOTHING = afl.StateFeedback(name="nothing", kind=LINEAR, gains=NONE)
+NOTHING = feedback(0.0, 0.0, 0.0, 0.0)
 GLIDING = dataclasses.replace(
     afl.SCENARIOS["nominal"].with_schedule(cart_mass=afl.staircase((0.101,), (0.5, 1.0))),
     initial_state=(0.0, 0.0, 2.0, 0.0),
