@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib
+import os
 import signal
 import sys
 import threading
 import time as clock
 import traceback
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import chdir, contextmanager
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -92,7 +93,7 @@ def look_in(folder: str | Path) -> None:
 def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line."""
     look_in(folder)
-    with told_of(thing, "cannot be imported:"):
+    with told_of(thing, "cannot be imported:"), chdir(os.curdir):  # it may go elsewhere
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:

@@ -6,6 +6,7 @@ import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import chdir
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -398,12 +399,15 @@ class Plant:
 
     @cached_property
     def limits(self) -> NDArray[np.float64]:
-        """The limits of the inputs that the MJCF gives them (ctrlrange), shape (inputs, 2)."""
+        """The limits that the MJCF gives inputs, by ctrlrange and by forcerange, (inputs, 2)."""
         motors, found = _Mjcf(self.model).motors, np.tile([-np.inf, np.inf], (len(self.inputs), 1))
         for i, one in enumerate(motors.get(name, {}) for name in self.inputs):
-            given = one.get("ctrlrange", "").split()
-            if len(given) == 2 and one.get("ctrllimited", "auto") != "false":
-                found[i] = [float(x) for x in given]
+            gain = float(one.get("gainprm", "1").split()[0]) or 1.0
+            for kind, share in (("ctrl", 1.0), ("force", gain)):
+                given = one.get(f"{kind}range", "").split()
+                if len(given) == 2 and one.get(f"{kind}limited", "auto") != "false":
+                    least, most = sorted(float(x) / share for x in given)
+                    found[i] = max(found[i, 0], least), min(found[i, 1], most)
         return found
 
 
@@ -528,7 +532,7 @@ def _run_file(path: Path) -> tuple[ModuleType, str]:
     sys.modules[name] = module = importlib.util.module_from_spec(made)
     text = hashlib.sha256(path.read_bytes()).hexdigest()
     try:
-        with told_of(str(path), "cannot be imported:"):
+        with told_of(str(path), "cannot be imported:"), chdir(Path.cwd()):  # it may go elsewhere
             made.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]

@@ -145,9 +145,16 @@ class PlantModel:
             if slides and name in self.plant.wraps:
                 raise InvalidValueError("wraps", "must be hinges, which come round", repr(name))
         for i, name in enumerate(self.plant.inputs):
-            limited, own = m.actuator_ctrllimited[i], m.actuator_ctrlrange[i]
-            if not np.array_equal(self.plant.limits[i], own if limited else (-np.inf, np.inf)):
-                raise InvalidValueError(f"actuator {name!r}", rule.format("ctrlrange"))
+            own, gain = np.array([-np.inf, np.inf]), m.actuator_gainprm[i, 0] or 1.0
+            for limited, ends, share in (
+                (m.actuator_ctrllimited[i], m.actuator_ctrlrange[i], 1.0),
+                (m.actuator_forcelimited[i], m.actuator_forcerange[i], gain),
+            ):
+                least, most = sorted(ends / share) if limited else own
+                own = np.array([max(own[0], least), min(own[1], most)])
+            if not np.array_equal(self.plant.limits[i], own):
+                which = "ctrlrange or forcerange"
+                raise InvalidValueError(f"actuator {name!r}", rule.format(which))
 
     def _written(self, values: Floats) -> Mapping[str, Any]:
         """Return what ``write`` returns for parameters, and the details of the plant."""

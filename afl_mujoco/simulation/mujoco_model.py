@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -238,7 +238,10 @@ class SimulatedModel:
         self.writer = PlantModel(plant, alter=alter)
         self.mj_model, model = self.writer.mj_model, self.writer.mj_model
         # the drives keep within the limits of the inputs, and say that they do
-        model.actuator_ctrllimited[:] = 0
+        model.actuator_ctrllimited[:] = model.actuator_forcelimited[:] = 0
+        for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
+            rule = "would limit inputs unseen: give the actuator a ctrlrange or a forcerange"
+            raise InvalidValueError(f"<joint {model.joint(joint).name!r} actuatorfrcrange>", rule)
         self._compiled = {name: getattr(model, name).copy() for name in PASSIVE}
         self.drive(self.writer.mj_data)
         if imperfections != IDEAL:
@@ -292,28 +295,38 @@ class SimulatedModel:
                 m.dof_frictionloss[i] += friction
                 m.dof_solref[i], m.dof_solimp[i] = FRICTION_SOLREF, FRICTION_SOLIMP
             if (stop := r.at(f"end_stops.{name}")) is not None:
-                m.jnt_limited[i], m.jnt_range[i], m.jnt_solref[i] = True, (-stop, stop), STOP_SOLREF
+                least, most = m.jnt_range[i] if m.jnt_limited[i] else (-np.inf, np.inf)
+                m.jnt_range[i] = max(least, -stop), min(most, stop)
+                m.jnt_limited[i], m.jnt_solref[i] = True, STOP_SOLREF
         self.writer.details = {name: getattr(r, name) for name in self.plant.details}
 
-    def decay_rate(self, spans: Mapping[str, tuple[float, float]]) -> float:
-        """Return the fastest rate [1/s] at which damping slows a joint, within spans of parameters.
+    def decay_rate(
+        self, spans: Mapping[str, tuple[float, float]], *places: Sequence[float]
+    ) -> float:
+        """Return the fastest rate [1/s] of damping and springs of joints, 0 without any.
 
-        Of MuJoCo's integrators only RK4 is explicit in the damping: its steps must not be longer
-        than the decay. For the others, and without damping, the rate is 0.
+        Within spans of parameters, where the model is at 0 and at other places: steps must not be
+        longer than the decay. Of MuJoCo's integrators only RK4 is explicit in the damping.
         """
-        model = self.mj_model
-        damping = np.array(model.dof_damping)
-        if model.opt.integrator != INTEGRATORS["RK4"] or not damping.any():
-            return 0.0
-        mass, rates, data = np.zeros((model.nv, model.nv)), [], mujoco.MjData(model)
-        for values in itertools.product(*(dict.fromkeys(span) for span in spans.values())):
+        model, n = self.mj_model, self.mj_model.nv
+        explicit, rates = model.opt.integrator == INTEGRATORS["RK4"], [0.0]
+        mass, data = np.zeros((n, n)), mujoco.MjData(model)
+        corners = itertools.product(*(dict.fromkeys(span) for span in spans.values()))
+        for values, q in itertools.product(corners, (model.qpos0.copy(), *places)):
             self.write(np.array(values))
-            mujoco.mj_resetData(model, data)
+            damping = model.dof_damping * explicit
+            stiffness = np.reshape(model.jnt_stiffness, (n, -1))[:, 0]
+            if not (damping.any() or stiffness.any()):
+                continue
+            data.qpos[:] = q
             mujoco.mj_forward(model, data)
             mujoco.mj_fullM(model, data, mass)
-            damping = np.array(model.dof_damping)
-            rates.append(np.abs(np.linalg.eigvals(np.linalg.solve(mass, np.diag(damping)))).max())
-        return float(max(rates))
+            drag = np.linalg.solve(mass, np.diag(damping))
+            if stiffness.any():
+                pull = np.linalg.solve(mass, np.diag(stiffness))
+                drag = np.block([[np.zeros((n, n)), np.eye(n)], [-pull, -drag]])
+            rates.append(float(np.abs(np.linalg.eigvals(drag)).max()))
+        return max(rates)
 
     def compute_only(self) -> None:
         """Disable what one tree without contacts does not need: the same bits sooner."""
@@ -321,7 +334,8 @@ class SimulatedModel:
         needless = bits.mjDSBL_SENSOR | bits.mjDSBL_CONTACT | bits.mjDSBL_ISLAND
         flags = model.opt.disableflags | int(needless)
         constraint = int(bits.mjDSBL_CONSTRAINT)
-        constrained = model.dof_frictionloss.any() or model.jnt_limited.any()
+        may_rub = any(one.field == "frictionloss" for one in self.writer.targets)
+        constrained = may_rub or model.dof_frictionloss.any() or model.jnt_limited.any()
         model.opt.disableflags = flags & ~constraint if constrained else flags | constraint
 
     def generalised(self, channels: Floats) -> tuple[Floats, ...]:
@@ -331,7 +345,10 @@ class SimulatedModel:
         for i in range(k):
             if not channels[:, i].any():
                 continue
-            geared = any(str(one).startswith("actuator ") for one in self.writer.targets)
+            geared = any(
+                (one.kind, one.name) == ("actuator", self.plant.inputs[i])
+                for one in self.writer.targets
+            )
             if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE or geared:
                 beside[:, i] = channels[:, i]
                 continue

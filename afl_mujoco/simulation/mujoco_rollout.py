@@ -91,7 +91,7 @@ def line_of(model: SimulatedModel, segment: Segment) -> Line:
     acting = acting_rates(model.plant, rates)
     push, beside = model.generalised(np.array([segment.push]))
     if beside.any():
-        rule = "must name a coordinate in this mode: its input does not act on one joint"
+        rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
         raise InvalidValueError("disturbance", rule)
     length = segment.end - segment.start
     course, drift = np.empty((len(model.addresses.targets), 0)), np.empty((0, 0))
@@ -263,7 +263,7 @@ def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
         state = state.copy()
         impulse, beside = model.generalised(np.array([after.impulse]))
         if beside.any():
-            rule = "must name a coordinate: this input does not act on one joint"
+            rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
             raise InvalidValueError("impulse on an input", rule)
         if before is not None:
             ends = before.values_at(before.end), after.values_at(after.start)

@@ -232,7 +232,8 @@ def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Tr
     found = []
     for k, name in enumerate(plant.coordinates):
         body = int(m.jnt_bodyid[k])
-        if m.jnt_type[k] != mujoco.mjtJoint.mjJNT_SLIDE or m.body_parentid[body]:
+        above = m.jnt_type[m.body_jntadr[body] : k + 1]  # its own joints down to this one
+        if (above != mujoco.mjtJoint.mjJNT_SLIDE).any() or m.body_weldid[m.body_parentid[body]]:
             continue
         along, at = d.xaxis[k].copy(), d.xanchor[k].copy()
         across = np.cross(toward, along)

@@ -61,7 +61,8 @@ def _prescribed(scenario: Scenario) -> Iterator[str]:
     for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True):
         schedule = scenario.schedule[name]
         for time in schedule.breakpoints:
-            if enters and 0.0 < time < end and schedule.at(time) != schedule.before(time):
+            jumps = 0.0 < time < end and schedule.at(time) != schedule.before(time)
+            if enters and jumps and time not in scenario.joins:
                 yield (
                     f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities "
                     "stay"
@@ -123,7 +124,7 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
     if (asked := settings.get("asked_timestep")) is not None:
         yield (
             f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 "
-            "is unstable or inaccurate with this damping"
+            "is unstable or inaccurate with these dampers and springs"
         )
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"

@@ -311,7 +311,7 @@ def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) 
         hardware = hardware.changed({x: ends[x.startswith(DAMPING)] for x, ends in drawn.items()})
         spans = {name: space.bounds(name) for name in spans}
     model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=hardware)
-    return model.decay_rate(spans)
+    return model.decay_rate(spans, scenario.initial_state[: len(scenario.target)], scenario.target)
 
 
 def controller_policy(

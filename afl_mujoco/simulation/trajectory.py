@@ -458,11 +458,15 @@ def assemble(
     inputs: Floats | None = None,
     **deployed: Any,
 ) -> Trajectory:
-    """Put a simulator's result together; inputs are the controller's by default."""
+    """Put a simulator's result together; inputs are the controller's, within limits, by default."""
     reached, plant = times[: len(states)], scenario.plant
     if inputs is None:
         given = controller_inputs(scenario, controller, reached)
         inputs = controller.forces(states, given, reached)
+    if "command" not in deployed:
+        low, high = plant.limits.T
+        exerted = np.clip(inputs.reshape(len(reached), -1), low, high).reshape(inputs.shape)
+        inputs, deployed = exerted, {**deployed, "command": inputs}
     values = scenario.values(instants(reached))
     provenance = {
         "simulator": simulator,

@@ -74,7 +74,8 @@ class Timing(NamedTuple):
 def timing_of(scenario: Scenario, model: SimulatedModel, deployed: Deployed = DEFAULT) -> Timing:
     """Return the instants of a run, its step fine enough for the damping in the model."""
     asked = ticks_of(scenario, deployed.timestep, deployed.control_period)
-    step, hold = fine_enough(asked, model.decay_rate(scenario.spans))
+    places = scenario.initial_state[: len(scenario.target)], scenario.target
+    step, hold = fine_enough(asked, model.decay_rate(scenario.spans, *places))
     return Timing(step, hold, asked.period, step_times(scenario.duration, step), asked.timestep)
 
 
@@ -83,7 +84,9 @@ def fine_enough(ticks: Ticks, rate: float) -> Ticks:
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
     if finer > MOST_FINER:
-        rule = f"must be at most {step:.2g} s with this damping under RK4 (or another integrator)"
+        rule = (
+            f"must be at most {step:.2g} s with these dampers and springs (or another integrator)"
+        )
         raise InvalidValueError("timestep", rule, ticks.timestep)
     return Ticks(step, finer * ticks.hold) if finer > 1 else ticks
 
@@ -152,7 +155,7 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     push, beside = model.generalised(held.push)
     impulse, at_site = model.generalised(held.impulse)
     if at_site.any():
-        rule = "must name a coordinate: this input does not act on one joint"
+        rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
         raise InvalidValueError("impulse on an input", rule)
     return loop.Profile(
         rows=rows, which=which, push=push, beside=beside, impulse=impulse, split=held.split,

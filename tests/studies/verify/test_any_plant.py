@@ -117,7 +117,7 @@ def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path)
     beside = f'plant = "{EXAMPLES}/quadrotor_load.py:plant"\n[[disturbances]]\nshape = "pulse"\n'
     pulse = 'force = 1.0\nstart = 0.1\nduration = 0.1\ninput = "left"\n'
     (tmp_path / "site.toml").write_text(beside + pulse)
-    with pytest.raises(InvalidValueError, match="must name a coordinate in this mode"):
+    with pytest.raises(InvalidValueError, match="must name a coordinate: this"):
         prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
 
 

@@ -1,0 +1,148 @@
+"""Passive physics and limits that an MJCF or a plant's `write` gives, in every way to run it."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+import afl_mujoco as afl
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.poses import tracks
+from afl_mujoco.simulation.remarks import remarks_on
+
+CART = """<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"{joint}/>
+  <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody>
+  <actuator><motor name="f" joint="x"{motor}/></actuator></mujoco>"""
+
+
+def cart(field: str = "", nominal: float = 0.0, joint: str = "", motor: str = "") -> afl.Plant:
+    mu = {"mu": afl.Parameter(nominal, low=0.0, high=5000.0)} if field else {}
+    return afl.Plant(
+        name="cart", model=CART.format(joint=joint, motor=motor), coordinates=("x",), inputs=("f",),
+        parameters=mu, write=(lambda p: {f"joint x {field}": p.mu}) if field else None,
+    )  # fmt: skip
+
+
+def gliding(plant: afl.Plant, **more) -> afl.Scenario:
+    return afl.Scenario(
+        **{"name": "gliding", "plant": plant, "duration": 1.0, "initial_state": {"x_dot": 1.0}}
+        | more
+    )
+
+
+def idle(time, state, belief):
+    return 0.0
+
+
+def travelled(scenario: afl.Scenario) -> list[float]:
+    """Return how far the cart gets by every way to run it as deployed."""
+    found = [afl.simulate_mujoco(scenario, idle).state[-1, 0]]
+    found += [afl.run_all(idle, scenario)[0].metrics["peak_x"]]
+    many = gymnasium.make_vec(
+        "afl_mujoco/Scenario-v0", 1, vectorization_mode="vector_entry_point", scenario=scenario,
+        control_period=0.1, scaled=False,
+    )  # fmt: skip
+    one = afl.load(scenario, control_period=0.1)
+    many.reset(), one.reset()
+    for _ in range(10):
+        seen, step = many.step(np.zeros((1, 1)))[0], one.step([0.0])
+    return [*found, float(seen[0, 0]), float(step.observation["position"][0])]
+
+
+@pytest.mark.parametrize("nominal", [0.0, 1.0])
+def test_dry_friction_that_a_plant_writes_acts_when_it_comes(nominal: float) -> None:
+    """From 0 to 1 N at 0.2 s: x(1) = 0.2 + 0.8 - 0.8^2 / 2."""
+    schedule = {"mu": afl.staircase((0.2,), (0.0, 1.0))}
+    found = travelled(gliding(cart("frictionloss", nominal), schedule=schedule))
+    np.testing.assert_allclose(found, 0.68, atol=1e-3)
+    assert max(found) - min(found) < 1e-12
+
+
+@pytest.mark.parametrize("nominal", [0.0, 1.0])
+def test_damping_that_a_plant_writes_later_makes_the_step_finer_from_the_start(nominal) -> None:
+    """4000 N s/m from 0.2 s on stop the cart within a quarter of a millisecond."""
+    schedule = {"mu": afl.staircase((0.2,), (0.0, 4000.0))}
+    found = travelled(gliding(cart("damping", nominal), schedule=schedule))
+    np.testing.assert_allclose(found, 0.20025, atol=1e-6)
+
+
+def test_the_step_is_fine_enough_for_a_spring_and_where_the_run_starts() -> None:
+    """A spring of 1e7 N/m, whose period is 2 ms; an arm that is light at the start."""
+    stiff = gliding(cart(joint=' stiffness="1e7"'), duration=0.1)
+    for integrator, near in (("RK4", 0.05), ("Euler", 0.2)):
+        run = afl.simulate_mujoco(stiff, idle, integrator=integrator)
+        assert np.abs(run.state[:, 0]).max() == pytest.approx(1.0 / np.sqrt(1e7), rel=near)
+    model = """<mujoco><worldbody><body name="b"><joint name="turn" axis="0 1 0" damping="2"/>
+      <inertial pos="0 0 0" mass="1e-3" diaginertia="1e-6 1e-6 1e-6"/><body name="tip">
+      <joint name="reach" type="slide" axis="0 0 1" ref="1"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1e-4 1e-4 1e-4"/></body></body></worldbody>
+      </mujoco>"""
+    arm = afl.Plant(name="arm", model=model, coordinates=("turn", "reach"))
+    near = {"reach": 0.02, "turn_dot": 0.1}
+    light = afl.Scenario(name="light", plant=arm, duration=0.05, initial_state=near)
+    run, exact = (afl.simulate_mujoco(light, idle_of_none, mode) for mode in ("sampled", "exact"))
+    assert run.outcome.kind == "completed"
+    np.testing.assert_allclose(run.state[-1], exact.state[-1], atol=1e-6)
+
+
+def idle_of_none(time, state, belief):
+    return np.empty(0)
+
+
+@pytest.mark.parametrize("motor", [' forcerange="-1 1"', ' ctrlrange="-1 1"'])
+def test_a_limit_of_the_mjcf_s_actuator_is_that_of_the_input_everywhere(motor: str) -> None:
+    asked = afl.Requirements(max={"f": 5.0})
+    pushed = gliding(cart(motor=motor), initial_state={}, requirements=asked)
+
+    def ten(time, state, belief):
+        return 10.0
+
+    for mode in ("sampled", "exact", "continuous"):
+        run = afl.simulate_mujoco(pushed, ten, mode)
+        assert run.state[-1, 0] == pytest.approx(0.5) and set(run.input.tolist()) == {1.0}
+        assert set(run.command.tolist()) == {10.0}
+    (row,) = afl.run_all(ten, pushed)
+    assert (row.failure, row.metrics["max_f"], row.metrics["max_command"]) == ("", 1.0, 10.0)
+
+
+def test_a_limit_of_the_force_on_a_joint_is_refused_where_something_runs() -> None:
+    limited = cart(joint=' actuatorfrcrange="-1 1"')
+    with pytest.raises(InvalidValueError, match="<joint 'x' actuatorfrcrange> would limit inputs"):
+        afl.simulate_mujoco(gliding(limited), idle)
+    assert afl.check(limited, samples=10).passed  # which says that it leaves it out
+
+
+def test_an_end_stop_beyond_the_range_of_the_mjcf_leaves_that_range() -> None:
+    ranged = cart(joint=' range="-0.2 0.3"')
+    for stop, reached in ((1.0, 0.3), (0.1, 0.1)):
+        rail = afl.Imperfections(end_stops={"x": stop})
+        run = afl.simulate_mujoco(gliding(ranged, imperfections=rail), idle)
+        assert reached < run.state[:, 0].max() < reached + 0.02
+
+
+def test_a_jump_that_keeps_momenta_is_not_said_to_keep_velocities() -> None:
+    parameters = {"m": afl.Parameter(1.0, low=0.1, high=9.0, rate="frozen", jump="momenta")}
+    plant = replace(cart(), parameters=parameters, write=lambda p: {"body cart mass": p.m})
+    scenario = gliding(plant, schedule={"m": afl.staircase((0.5,), (1.0, 2.0))})
+    said = remarks_on(afl.simulate_mujoco(scenario, idle), scenario, afl.CONTROLLERS["lqr"])
+    assert not any("velocities stay" in one for one in said)
+
+
+def rails(tree: str, names: tuple[str, ...]) -> list[int]:
+    from afl_mujoco.simulation.mujoco_model import SimulatedModel
+
+    plant = afl.Plant(
+        name="tree", model=f"<mujoco><worldbody>{tree}</worldbody></mujoco>", coordinates=names
+    )
+    scenario = afl.Scenario(name="s", plant=plant)
+    found = tracks(scenario, SimulatedModel(plant), np.array([0.0, -1.0, 0.0]))
+    return [one.coordinate for one in found]
+
+
+def test_a_rail_is_drawn_of_slides_that_are_fixed_in_the_world_alone() -> None:
+    slide, hinge = '<joint name="s" type="slide" axis="1 0 0"/>', '<joint name="h" axis="0 1 0"/>'
+    body = '<body>{}<geom size=".1"/></body>'
+    assert rails(body.format(slide + hinge), ("s", "h")) == [0]
+    assert rails(body.format(hinge + slide), ("h", "s")) == []  # it turns
+    assert rails(f'<body pos="0 0 1">{body.format(slide)}</body>', ("s",)) == [0]  # on a mount
