@@ -79,7 +79,7 @@ def test_parts_of_an_mjcf_in_other_files_are_read(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("change", "refused"), [
-    ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange or forcerange is not seen"),
+    ((MOTOR, LIMITED), "actuator 'torque' must be in the MJCF.* its ctrlrange or force"),
     ((JOINT, SLIDE), "joint 'arm' must be in the MJCF.* its type is not seen"),
 ])  # fmt: skip
 def test_what_is_read_otherwise_than_it_is_compiled_is_refused(change, refused, tmp_path) -> None:

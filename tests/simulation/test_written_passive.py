@@ -74,7 +74,7 @@ def test_the_step_is_fine_enough_for_a_spring_and_where_the_run_starts() -> None
         run = afl.simulate_mujoco(stiff, idle, integrator=integrator)
         assert np.abs(run.state[:, 0]).max() == pytest.approx(1.0 / np.sqrt(1e7), rel=near)
     model = """<mujoco><worldbody><body name="b"><joint name="turn" axis="0 1 0" damping="2"/>
-      <inertial pos="0 0 0" mass="1e-3" diaginertia="1e-6 1e-6 1e-6"/><body name="tip">
+      <inertial pos="0 0 0" mass="1e-3" diaginertia="1e-6 1e-6 1e-6"/><body name="tip" pos="0 0 1">
       <joint name="reach" type="slide" axis="0 0 1" ref="1"/>
       <inertial pos="0 0 0" mass="1" diaginertia="1e-4 1e-4 1e-4"/></body></body></worldbody>
       </mujoco>"""
