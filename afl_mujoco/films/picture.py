@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import mujoco
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -23,7 +24,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
-from afl_mujoco.films.scene import GHOST, Number, open_scene
+from afl_mujoco.films.scene import GHOST, Number, Stage
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.simulation.decor import FORCE, PUSH, Colour
@@ -110,15 +111,15 @@ def frames(
     corner = min(1, len(replays) - 1)
     above = max(28 * len(titles[corner]), 16 * len(subtitle.text) * alone) * LETTER * s
     behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], above, s))
-    with open_scene(replays, fps, part, frame) as scene:
+    stage = Stage.of(replays, fps, part, frame)
+    with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
         last = last_frame(replays, fps)
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
-            for replay, path, back, (y, x) in zip(
-                replays, scene.stage.paths, behind, places, strict=False
-            ):
-                drawn, marks = scene.draw(replay, index, path)
+            shown = zip(replays, stage.paths, behind, places, strict=False)
+            for replay, path, back, (y, x) in shown:
+                drawn, marks = stage.draw(renderer, replay, index, path)
                 texts = _numbers(replay, index, marks, part, s, ending)
                 picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
             if plots is not None:
