@@ -37,7 +37,11 @@ FILES = {
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
     "NaN": ("bad.toml", "duration = nan", "bad.toml"),
-    "endless number": ("bad.toml", f"duration = {5000 * '1'}", "whole number of so many digits"),
+    "endless number": (
+        "bad.toml",
+        f"duration = {5000 * '1'}",
+        "is not valid TOML: Exceeds the limit",
+    ),
     "unknown name": ("step-stp", None, "did you mean step-step"),
     "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),
 }
@@ -157,7 +161,7 @@ CASES = {
         (["--samples", "0"], "samples must be at least 1, got 0"),
         (["--samples", 20 * "9"], f"samples must be at most 1000000, got {20 * '9'}"),
         (["--workers", "100000"], "workers must be at most 1024, got 100000"),
-        (["--seed", "-1"], "seed must lie in 0 to 2**63 - 1, got -1"),
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
         (["--generations", "0"], "generations must be at least 1, got 0"),
         (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
         (["--out", "taken"], "taken/montecarlo/notes.txt was not written by this study"),

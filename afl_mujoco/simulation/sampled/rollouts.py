@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.pool import Task, require_threads, share
+from afl_mujoco.pool import MOST_WORKERS, Task, share
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
@@ -171,7 +171,7 @@ def roll_out(
     caught: tuple[type[AflMujocoError], ...] = (),
 ) -> list[Rollout | AflMujocoError]:
     """Return runs, with `keep` their trajectories too, or the errors that are caught."""
-    require_threads(threads)
+    require_count("threads", threads, 1, MOST_WORKERS)
     found: list[Any] = [None] * len(scenarios)
 
     def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Rollout:
