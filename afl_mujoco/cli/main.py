@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
-import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
 from typing import Any, Union, get_args, get_type_hints
@@ -60,11 +59,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     with interrupts_noted():
         try:
-            with _warnings_in_one_line():
+            with contextlib.ExitStack() as stack:
+                stack.callback(setattr, warnings, "formatwarning", warnings.formatwarning)
+                warnings.formatwarning = warning_in_one_line
                 command = _parse(arguments)
-                with _calls_limited_to(getattr(command, "call_limit", None)):
-                    code: int = command.run()
-            return code
+                if (limit := getattr(command, "call_limit", None)) is not None:
+                    from afl_mujoco.control.own import calls_limited_to
+
+                    stack.enter_context(calls_limited_to(limit))
+                return int(command.run())
         except SystemExit as end:  # of the parser
             return int(end.code or SUCCESS)
         except BaseException as error:
@@ -73,39 +76,10 @@ def _run(arguments: Sequence[str] | None) -> int:
                 return INTERRUPTED
             if not isinstance(error, AflMujocoError | OSError):
                 raise
-            told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
-            print(f"{PROGRAM}: {told}", file=sys.stderr)
+            if isinstance(error, OSError):  # as of a working folder that is gone
+                error = FileError.cannot_be("used", error.filename or "working directory", error)
+            print(f"{PROGRAM}: {error}", file=sys.stderr)
             return BAD_INPUT
-
-
-def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManager[None]:
-    if seconds is None:
-        return contextlib.nullcontext()
-    from afl_mujoco.control.own import calls_limited_to
-
-    return calls_limited_to(seconds)
-
-
-@contextlib.contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    usual = warnings.formatwarning
-    warnings.formatwarning = warning_in_one_line
-    try:
-        yield
-    finally:
-        warnings.formatwarning = usual
-
-
-def _refused_by_the_system(error: OSError) -> FileError:
-    """Return the error of something that no command expects, as a working folder that is gone."""
-    thing = error.filename
-    if thing is None:
-        try:
-            os.getcwd()
-            thing = "the operating system's resource"
-        except OSError:
-            thing = "working directory"
-    return FileError.cannot_be("used", thing, error)
 
 
 def _parse(arguments: Sequence[str] | None) -> Any:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -18,15 +17,15 @@ from afl_mujoco.cli.terminal import (
     RESULTS,
     SUCCESS,
     CallLimit,
-    bars,
     plain_help,
     say,
     separated,
+    study_progress,
     typed,
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Interrupted, Progress, Study, find_study, listed
+from afl_mujoco.studies.shared.contract import Interrupted, Study, find_study, listed
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
@@ -249,21 +248,6 @@ def _told(files: Sequence[Path]) -> str:
         many = len(there) > MOST_TOLD
         told += [f"{len(there)} scenario files in {folder}"] if many else there
     return ", ".join(told) + (f" and {len(figures)} files of figures" if figures else "")
-
-
-@contextmanager
-def study_progress() -> Iterator[Progress]:
-    """Yield a function that shows a bar for each task of a study."""
-    with bars() as shown:
-        tasks: dict[str, Callable[[int, str], None]] = {}
-
-        def report(doing: str, done: int, total: int) -> None:
-            task = doing.partition(":")[0]
-            if task not in tasks:
-                tasks[task] = shown(doing, total)
-            tasks[task](done, doing)
-
-        yield report
 
 
 def _command(study: Study) -> Any:

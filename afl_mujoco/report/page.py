@@ -57,8 +57,9 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
             find: Any = _picture if isinstance(one, Figure) else _replay
             found[type(one)][one.name] = find(one.files, part.folders)
     judged = [part.report for part in parts if part.report.passed is not None]
+    assets = resources.files(PACKAGE) / "assets"
     style, script = (
-        Markup("".join(_asset(f"assets/{name}") for name in names))
+        Markup("".join((assets / name).read_text(encoding="utf-8") for name in names))
         for names in (("page.css", "replay.css"), ("replay.js", "page.js"))
     )
     page = _environment().get_template("page.html.j2")
@@ -118,11 +119,6 @@ def _content_policy(style: str, script: str) -> str:
     )
 
 
-@cache
-def _asset(name: str) -> str:
-    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
-
-
 # --- pictures and films -------------------------------------------------------------------------
 
 
@@ -174,36 +170,20 @@ class Shown(NamedTuple):
     source: str  # its data URI, or its address relative to the page
     poster: str  # a still as a data URI; empty if there is none
 
-    @property
-    def embedded(self) -> bool:
-        """Whether it is inside the page."""
-        return self.source.startswith("data:")
-
-    @property
-    def megabytes(self) -> float:
-        """Size of the file [MB]."""
-        return self.size / 1e6
-
 
 def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> dict[Path, Shown]:
     """Return how a page includes each film, by its file; wide ones come first if room is short."""
     shown: dict[Path, Shown] = {}
     for film in sorted(films, key=lambda film: not film.wide):
-        try:
-            shown[film.file] = _show(film, page_folder, room)
-        except OSError as error:
-            raise FileError.cannot_be("read", film.file, error) from None
-        room -= len(shown[film.file].source) + len(shown[film.file].poster)
+        size = film.file.stat().st_size if film.file.is_file() else 0
+        poster = _poster(film.poster) if film.poster else ""
+        if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
+            source = _data_uri("video/mp4", _read(film.file))
+        else:
+            source = quote(os.path.relpath(film.file.resolve(), page_folder.resolve()))
+        shown[film.file] = Shown(size, source, poster)
+        room -= len(source) + len(poster)
     return shown
-
-
-def _show(film: Film, page_folder: Path, room: int) -> Shown:
-    size = film.file.stat().st_size if film.file.is_file() else 0
-    poster = _poster(film.poster) if film.poster else ""
-    if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
-        return Shown(size, _data_uri("video/mp4", film.file.read_bytes()), poster)
-    beside = Path(os.path.relpath(film.file.resolve(), page_folder.resolve()))
-    return Shown(size, quote(beside.as_posix()), poster)
 
 
 def _poster(path: Path) -> str:
