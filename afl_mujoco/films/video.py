@@ -158,7 +158,8 @@ def _make(unit: tuple[Film, Path]) -> int:
         nonlocal count
         for index, picture in enumerate(made):
             if index == poster:
-                _write_picture(picture, folder / entry.poster)
+                with atomic_file(folder / entry.poster) as temporary:
+                    mediapy.write_image(temporary, picture, fmt="png")
             count += 1
             yield picture
 
@@ -208,8 +209,3 @@ def _end(writer: mediapy.VideoWriter) -> str | None:
         said = str(error).strip().splitlines()
         return said[-1].rpartition(": ")[2].strip() or "the encoder ended early"
     return None
-
-
-def _write_picture(picture: Picture, path: Path) -> None:
-    with atomic_file(path) as temporary:
-        mediapy.write_image(temporary, picture, fmt="png")

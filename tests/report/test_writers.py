@@ -25,7 +25,7 @@ from afl_mujoco.report.style import (
     styled,
     write_figure,
 )
-from afl_mujoco.report.terminal import print_report, to_text
+from afl_mujoco.report.terminal import print_blocks, print_report, to_text
 
 NASTY = "<script>alert(1)</script> [red] | a_b"
 
@@ -277,5 +277,5 @@ def test_on_a_terminal_that_is_too_narrow_nothing_of_a_table_is_cut(monkeypatch,
         columns=("a name that is long", "value"),
         rows=[("whatever it is", "0.3 (50 %)")],
     )
-    print_report(blocks.Report(headline="", blocks=[wide]), headline=False)
+    print_blocks([wide])
     assert "0.3 (50 %)" in capsys.readouterr().out
