@@ -237,18 +237,19 @@ class Regression:
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
+        from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.studies.verify.regression import (
             REGRESSED,
             compare,
             load_baselines,
-            open_for_update,
             record_all,
             update_baselines,
         )
 
-        read = open_for_update if self.update else load_baselines
-        baselines = read(self.baselines)  # what is quick to check comes first
+        # what is quick to check comes first
+        folder = output_folder(self.baselines) if self.update else self.baselines
+        baselines = load_baselines(folder)
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
         with study_progress() as progress:

@@ -107,8 +107,10 @@ def compute(
     workers: int,
 ) -> list[Any]:
     """Return what a function makes of each unit, shared among processes."""
+    if not units:
+        return []
     progress(doing, 0, len(units))
-    with open_executor(min(workers, max(1, len(units)))) as executor:
+    with open_executor(min(workers, len(units))) as executor:
         return compute_all(function, units, executor, counted(progress, doing, len(units)))
 
 
@@ -132,10 +134,9 @@ class Study:
         return f"afl-mujoco {self.name}"
 
     @property
-    def configuration(self) -> type:
+    def configuration(self) -> Any:
         """The dataclass of its options."""
-        found: type = self._part("Options")
-        return found
+        return self._part("Options")
 
     def prepare(self, options: Any) -> Any:
         """Return what the options ask for, or raise if a rule is broken."""
@@ -150,10 +151,9 @@ class Study:
         return option in inspect.signature(self._part("run")).parameters
 
     @property
-    def result_type(self) -> type:
+    def result_type(self) -> Any:
         """The dataclass of its result."""
-        found: type = self._part("Result")
-        return found
+        return self._part("Result")
 
     def report(self, result: Any) -> Report:
         """Return what is shown of a result."""
