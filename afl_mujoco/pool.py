@@ -271,48 +271,38 @@ def _exit_after_parent() -> None:
         os._exit(1)
 
 
-PART = 32  # items that a thread takes at a time: at most a second of work, after which it can stop
 Task = Callable[[slice], object]  # on some items; independent of those before
 
 
-def share(
-    count: int,
-    tasks: Sequence[Task],
-    progress: Callable[[int], None] = lambda items: None,
-    *,
-    part: int = PART,
-) -> None:
+def share(count: int, tasks: Sequence[Task], part: int) -> None:
     """Process all items with one thread per task; a single task runs in the thread of the caller.
 
-    Each task has its own memory and processes one part at a time. `progress` is called from the
-    calling thread with the number of items just done. An error or a Ctrl-C stops the work once
-    every thread has done its current part; of several errors, that of the first item is raised.
+    Each task has its own memory and processes one part at a time. An error or a Ctrl-C stops the
+    work once every thread has done its current part; of several errors, that of the first item is
+    raised.
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    parts = [range(first, min(first + part, count)) for first in range(0, count, part)]
+    parts = [slice(first, min(first + part, count)) for first in range(0, count, part)]
     if len(tasks) == 1:
         for items in parts:
-            tasks[0](slice(items.start, items.stop))
-            progress(len(items))
+            tasks[0](items)
         return
     free: SimpleQueue[Task] = SimpleQueue()
     for task in tasks:
         free.put(task)
 
-    def do(items: range) -> int:
+    def do(items: slice) -> None:
         task = free.get()
         try:
-            task(slice(items.start, items.stop))
+            task(items)
         finally:
             free.put(task)
-        return len(items)
 
     with ThreadPoolExecutor(len(tasks)) as pool:
         try:
-            futures = [pool.submit(do, items) for items in parts]
-            for future in futures:  # in their order, for the first error
-                progress(future.result())
+            for future in [pool.submit(do, items) for items in parts]:  # in order: the first error
+                future.result()
         finally:
             pool.shutdown(cancel_futures=True)
 

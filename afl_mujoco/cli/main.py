@@ -37,7 +37,7 @@ from afl_mujoco.errors import (
     warning_in_one_line,
 )
 from afl_mujoco.pool import interrupts_noted, is_interrupt
-from afl_mujoco.studies.shared.contract import listed
+from afl_mujoco.studies.shared.contract import studies
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 """Commands listed after those of the studies."""
@@ -132,7 +132,7 @@ def _other(kind: type, chosen: str) -> Any:
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     """Return the complaint of the parser in one line, with a suggestion."""
-    names = [*listed(), *(kind.__name__.lower() for kind in OTHERS)]
+    names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
@@ -181,7 +181,7 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
 def _options() -> dict[str, list[str]]:
     kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
-    kinds |= dict(zip(listed(), of_studies, strict=True))
+    kinds |= dict(zip(studies(), of_studies, strict=True))
     return {
         name: [
             f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"

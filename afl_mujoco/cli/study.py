@@ -25,7 +25,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Interrupted, Study, find_study, listed
+from afl_mujoco.studies.shared.contract import Interrupted, Study, studies
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
@@ -132,7 +132,9 @@ class StudyCommand:
 
     def run(self) -> int:
         """Run the study, write its files, print its sections, make the page."""
-        study, configuration = self.study, self.configuration
+        study, kind = self.study, self.study.configuration
+        given = {field.name: separated(getattr(self, field.name)) for field in fields(kind)}
+        configuration = kind(**given)
         from afl_mujoco.pool import require_address, require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
@@ -183,12 +185,6 @@ class StudyCommand:
         print_report(report := record.report)
         return CHECK_FAILED if report.passed is False else SUCCESS
 
-    @property
-    def configuration(self) -> Any:
-        """The configuration of the study, from the options."""
-        kind = self.study.configuration
-        return kind(**{field.name: separated(getattr(self, field.name)) for field in fields(kind)})
-
 
 Workers = Annotated[
     int,
@@ -212,8 +208,8 @@ def study_commands(chosen: str | None = None) -> list[Any]:
     name and what the list of commands says of them.
     """
     return [
-        _command(find_study(name)) if chosen in (None, name) else stub(name, one.summary)
-        for name, one in listed().items()
+        _command(one) if chosen in (None, name) else stub(name, one.summary)
+        for name, one in studies().items()
     ]
 
 

@@ -30,7 +30,7 @@ from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, 
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
 from afl_mujoco.studies.shared.arrays import packed, unpacked
-from afl_mujoco.studies.shared.contract import Progress, Study, compute, find_study, listed, silent
+from afl_mujoco.studies.shared.contract import Progress, Study, compute, silent, studies
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
@@ -211,11 +211,11 @@ def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
 def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None) -> list[Record]:
     """Return every record in a folder but one study's; those `ahead` come first."""
     found = []
-    for name, study in listed().items():  # only what is there is imported
+    for study in studies().values():  # only what is there is imported
         places = [place for place in (ahead, folder) if place is not None]
         there = [place for place in places if (place / f"{study.stem}.json").is_file()]
-        if there and name != leave_out:
-            found.append(load_record(find_study(name), there[0]))
+        if there and study.name != leave_out:
+            found.append(load_record(study, there[0]))
     return found
 
 
