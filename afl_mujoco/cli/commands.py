@@ -25,7 +25,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, chosen
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.studies.shared.contract import ScenarioNames, counted, named_controllers
+from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
@@ -253,8 +253,7 @@ class Regression:
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
         with study_progress() as progress:
-            advance = counted(progress, "validating", len(scenarios) * len(controllers))
-            fresh = record_all(scenarios, controllers, workers=self.workers, progress=advance)
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
         if self.update:
             say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS

@@ -147,8 +147,6 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         return _no_number(found[1], found[2], given)
     if found := re.match(r"Expected one of \{(.*)\}\.", said):
         return str(InvalidValueError("command", f"must be one of {found[1]}", "none"))
-    if found := re.match(r"Unrecognized options: (\w\S*) Available subcommands: (.*?) For ", said):
-        return str(UnknownNameError.among("command", found[1], found[2].split(", ")))
     found = re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,=]+)", said)
     if found is None:
         return said
@@ -157,7 +155,7 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
             return str(InvalidValueError(option, "must have no value", found[1]))
         return f"argument {found[1]!r} is one too many"
     options = _options()
-    command = next((c for c in (" ".join(given[:2]), *given[:1]) if c in options), PROGRAM)
+    command = given[0] if given[0] in options else PROGRAM
     return f"{found[1]} is not an option of {command}{meant(found[1], options.get(command, []))}"
 
 

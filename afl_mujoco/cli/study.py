@@ -58,14 +58,14 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
     from afl_mujoco.files import write_text
     from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.listing import sections as film_sections
-    from afl_mujoco.report.page import Part, to_html
+    from afl_mujoco.report.page import to_html
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     records = load_records(folder, ahead=ahead)
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     there = [place for place in (ahead, folder) if place is not None]
-    parts = [Part(record.report, record.study.name, there) for record in records]
+    reports = {record.study.name: record.report for record in records}
     apart = folder.resolve() != films.resolve()  # a study films into the folder of its result
     places = [folder, films] if apart else [films]
     entries = [one for place in places for one in load_listing(place)]
@@ -74,7 +74,7 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
         *film_sections(films),
         _reproduce(records, list(_mixed(records, entries))),
     ]
-    write_text((ahead or folder) / PAGE, to_html(TITLE, parts, last, folder))
+    write_text((ahead or folder) / PAGE, to_html(TITLE, reports, there, last, folder))
     return folder / PAGE
 
 

@@ -39,24 +39,25 @@ _ICON = (
 _KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay: "replay"}
 
 
-class Part(NamedTuple):
-    """A report on a page."""
+def to_html(
+    title: str,
+    reports: Mapping[str, Report],
+    folders: Sequence[Path],
+    last: Sequence[Section],
+    page_folder: Path,
+) -> str:
+    """Return a page of reports by anchor, the same bytes each time.
 
-    report: Report
-    anchor: str  # of its section
-    folders: Sequence[Path]  # of its figures; the first that has one counts
-
-
-def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_folder: Path) -> str:
-    """Return a page, the same bytes each time; large films are linked, as seen from its folder."""
-    sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
-    every = [block for section in (*sections, *last) for block in section.walk()]
+    Of the folders of figures the first that has one counts. Large films are linked, as seen from
+    the page's folder.
+    """
+    sections = [Section(one.title, anchor, one.blocks) for anchor, one in reports.items()]
+    films = [x for x in Section("", "", [*sections, *last]).walk() if isinstance(x, Film)]
     found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}
-    for part in parts:
-        for one in drawn_of(part.report.blocks):
-            find: Any = _picture if isinstance(one, Figure) else _replay
-            found[type(one)][one.name] = find(one.files, part.folders)
-    judged = [part.report for part in parts if part.report.passed is not None]
+    for one in drawn_of(sections):
+        find: Any = _picture if isinstance(one, Figure) else _replay
+        found[type(one)][one.name] = find(one.files, folders)
+    judged = [report for report in reports.values() if report.passed is not None]
     assets = resources.files(PACKAGE) / "assets"
     style, script = (
         Markup("".join((assets / name).read_text(encoding="utf-8") for name in names))
@@ -69,12 +70,12 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
         script=script,
         icon_uri=_data_uri("image/svg+xml", _ICON.encode()),
         generator=f"afl_mujoco {version('afl_mujoco')}",
-        title=sections[0].title if len(parts) == 1 else title,
+        title=sections[0].title if len(reports) == 1 else title,
         worst=min(judged, key=lambda report: bool(report.passed), default=None),
-        parts=list(zip(parts, sections, strict=True)),
+        parts=list(zip(reports.values(), sections, strict=True)),
         last=last,
         pictures=found[Figure],
-        films=show_films([one for one in every if isinstance(one, Film)], page_folder),
+        films=show_films(films, page_folder),
         replays=found[Replay],
     )
     return text + "\n"

@@ -15,7 +15,7 @@ from afl_mujoco.report import terminal as terminal_module
 from afl_mujoco.report.blocks import Film
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.numbers import limit, scientific, short
-from afl_mujoco.report.page import SMALL, Part, show_films, to_html
+from afl_mujoco.report.page import SMALL, show_films, to_html
 from afl_mujoco.report.style import (
     CONTROLLERS,
     colours,
@@ -63,9 +63,9 @@ REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=F
 
 
 def html(folder, *others: blocks.Report) -> str:
-    parts = [Part(one, f"study{k or ''}", [folder]) for k, one in enumerate((REPORT, *others))]
+    reports = {f"study{k or ''}": one for k, one in enumerate((REPORT, *others))}
     last = blocks.Section("Reproduce", "reproduce", ("the command",))
-    return to_html("Reports", parts, [last], folder)
+    return to_html("Reports", reports, [folder], [last], folder)
 
 
 WRITERS = {

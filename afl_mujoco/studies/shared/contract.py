@@ -107,13 +107,14 @@ def compute(
     doing: str,
     progress: Progress,
     workers: int,
+    names: Sequence[str] = (),
 ) -> list[Any]:
-    """Return what a function makes of each unit, shared among processes."""
+    """Return what a function makes of each unit, by its name if it has one, among processes."""
     if not units:
         return []
     progress(doing, 0, len(units))
     with open_executor(min(workers, len(units))) as executor:
-        return compute_all(function, units, executor, counted(progress, doing, len(units)))
+        return compute_all(function, units, executor, counted(progress, doing, len(units), names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

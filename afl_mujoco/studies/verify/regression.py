@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -14,10 +14,10 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import read_json, remove_file, write_json
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.shared.contract import Progress, compute, silent
 from afl_mujoco.studies.verify.cases import (
     Case,
     Settings,
@@ -106,16 +106,14 @@ def record_all(
     controllers: Sequence[Controller],
     *,
     workers: int = 1,
-    progress: Callable[[str], None] = lambda done: None,
+    progress: Progress = silent,
 ) -> dict[str, Baseline]:
     """Record every scenario with every controller, by the name of its file."""
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS.timestep)
     names = [f"{scenario.name} / {controller.name}" for scenario, controller, _ in cases]
-    with open_executor(min(workers, len(cases))) as executor:
-        recorded = compute_all(record, cases, executor, lambda i: progress(names[i]))
     fresh = {}
-    for made in recorded:
+    for made in compute(record, cases, "validating", progress, workers, names):
         runs = {
             name: replace(run, metrics=with_objective(dict(run.metrics), scales))
             for name, run in made.runs.items()
