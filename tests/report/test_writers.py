@@ -161,27 +161,22 @@ def test_a_column_that_has_nothing_in_any_row_is_left_out() -> None:
     assert (some.columns, some.rows) == (["name", "some"], [["a", "1"], ["b", "–"]])
 
 
-@pytest.mark.parametrize(("value", "text"), [
-    (5.84e-12, "5.8×10⁻¹²"), (-0.0, "0"), (0.0, "0"), (None, "–"), (-1.1e-16, "−1.1×10⁻¹⁶"),
-    (9.97e-14, "1.0×10⁻¹³"), (2.6, "2.6×10⁰"), (math.inf, "–"),
-], ids=str)  # fmt: skip
-def test_scientific_numbers_have_two_digits_and_a_power_of_ten(value, text) -> None:
-    assert scientific(value) == text
-
-
-@pytest.mark.parametrize(("value", "text"), [
-    (38.03, "38.03"), (3.0, "3"), (-1.84265, "−1.843"), (100000, "100 000"), (9999.6, "10 000"),
-    (0.001, "0.001"), (0.00099, "9.9×10⁻⁴"), (1.2e7, "1.2×10⁷"), (0.0, "0"), (None, "–"),
-], ids=str)  # fmt: skip
-def test_short_numbers_are_plain_where_that_is_short(value: float | None, text: str) -> None:
-    assert short(value) == text
-
-
-@pytest.mark.parametrize(("value", "text"), [
-    (1e-9, "10⁻⁹"), (1e-11, "10⁻¹¹"), (0.0, "0"), (0.05, "0.05"), (0.3, "0.3"), (2e-9, "2.0×10⁻⁹"),
-], ids=str)  # fmt: skip
-def test_a_limit_that_is_a_power_of_ten_is_written_as_one(value: float, text: str) -> None:
-    assert limit(value) == text
+@pytest.mark.parametrize(("write", "value", "text"), [
+    *((scientific, *pair) for pair in [
+        (5.84e-12, "5.8×10⁻¹²"), (-0.0, "0"), (0.0, "0"), (None, "–"), (-1.1e-16, "−1.1×10⁻¹⁶"),
+        (9.97e-14, "1.0×10⁻¹³"), (2.6, "2.6×10⁰"), (math.inf, "–"),
+    ]),
+    *((short, *pair) for pair in [
+        (38.03, "38.03"), (3.0, "3"), (-1.84265, "−1.843"), (100000, "100 000"), (0.0, "0"),
+        (9999.6, "10 000"), (0.001, "0.001"), (0.00099, "9.9×10⁻⁴"), (1.2e7, "1.2×10⁷"),
+        (None, "–"),
+    ]),
+    *((limit, *pair) for pair in [
+        (1e-9, "10⁻⁹"), (1e-11, "10⁻¹¹"), (0.0, "0"), (0.05, "0.05"), (2e-9, "2.0×10⁻⁹"),
+    ]),
+], ids=lambda x: getattr(x, "__name__", str(x)))  # fmt: skip
+def test_numbers_have_few_digits_powers_of_ten_and_a_proper_minus(write, value, text) -> None:
+    assert write(value) == text
 
 
 @styled()
@@ -258,7 +253,6 @@ def test_small_films_are_inside_the_page_large_ones_linked_posters_small(folders
     assert shown[small].source == "data:video/mp4;base64,ZmlsbQ=="
     assert shown[large].source == "../large%20%26%20one.mp4"
     assert shown[large].size == SMALL + 1
-    films, page = folders
     still = films / "still.png"
     Image.effect_noise((1280, 720), 60.0).convert("RGB").save(still)
     one, bare = films / "a.mp4", films / "b.mp4"
