@@ -78,17 +78,6 @@ def _claimed(path: str | Path) -> int | None:
     return None
 
 
-def _remove_left_behind(folder: Path) -> None:
-    for path in folder.glob(f".*{OURS}*"):
-        with contextlib.suppress(OSError):
-            held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-            try:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-            finally:
-                os.close(held)
-
-
 def inside(folder: Path, name: str) -> Path:
     """Return a file of a folder, or raise if its name or a link leads out of the folder."""
     path, real = folder / name, os.path.realpath(folder / name)
@@ -160,7 +149,14 @@ def output_folder(path: str | Path) -> Path:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
-    _remove_left_behind(folder)
+    for left in folder.glob(f".*{OURS}*"):
+        with contextlib.suppress(OSError):
+            held = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+            finally:
+                os.close(held)
     return folder
 
 

@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
-from typing import Any, Union, get_args, get_type_hints
+from typing import Any, Union, get_args
 
 import tyro
 
@@ -22,6 +22,7 @@ from afl_mujoco.cli.terminal import (
     INTERRUPTED,
     SUCCESS,
     Output,
+    is_positional,
     numbers_apart,
     plain_help,
 )
@@ -184,10 +185,7 @@ def _options() -> dict[str, list[str]]:
         name: [
             f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
             for field in fields(kind)
-            if tyro.conf.Positional
-            not in getattr(
-                get_type_hints(kind, include_extras=True)[field.name], "__metadata__", ()
-            )
+            if not is_positional(kind, field.name)
         ]
         for name, kind in kinds.items()
     }

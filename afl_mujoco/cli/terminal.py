@@ -83,15 +83,20 @@ def say(*lines: object) -> None:
         print(printable(str(line)))
 
 
+def is_positional(options: type, name: str) -> bool:
+    """Return whether an option of a dataclass is given by its place."""
+    hint = get_type_hints(options, include_extras=True)[name]
+    return tyro.conf.Positional in getattr(hint, "__metadata__", ())
+
+
 def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     """Return a command as typed into a shell, with the options that are not at their default."""
-    hints = get_type_hints(type(options), include_extras=True)
     names: list[str] = []
     words: list[str] = []
     for option in fields(options):
         value = getattr(options, option.name)
         default = option.default if option.default_factory is MISSING else option.default_factory()
-        if tyro.conf.Positional in getattr(hints[option.name], "__metadata__", ()):
+        if is_positional(type(options), option.name):
             names += value if isinstance(value, tuple) else [value] * (value != default)
         elif value != default and option.name not in leave_out:
             name = option.name.replace("_", "-")

@@ -47,12 +47,6 @@ class Standpoint:
         found.elevation = self.elevation
         return found
 
-    @property
-    def toward(self) -> Floats:
-        """Where the camera is, seen from what it films, as a unit vector."""
-        angle = np.radians(self.azimuth)
-        return -np.array([np.cos(angle), np.sin(angle), 0.0])
-
 
 def project(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> tuple[float, float]:
     """Return where a point [m] is in the picture, column and row [px]; NaN behind the camera."""

@@ -103,7 +103,7 @@ def frames(
     places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     left = 0 if two else part[0]
     plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
-    scenario = replays[0].scenario
+    scenario = replays[0].plan.name
     titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
     behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)

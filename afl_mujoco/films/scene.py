@@ -48,7 +48,9 @@ class Stage:
         """Return the stage of runs of one scenario."""
         model = drawn_model(replays[0].plan)
         paths = watch(model, replays, fps, size, frame)
-        rails = tracks(replays[0].plan, model, paths[0].toward)
+        angle = np.radians(paths[0].azimuth)
+        toward = -np.array([np.cos(angle), np.sin(angle), 0.0])  # where one is who looks
+        rails = tracks(replays[0].plan, model, toward)
         return cls(model, mujoco.MjData(model.mj_model), paths, rails)
 
     def add(
@@ -157,7 +159,7 @@ def view(replay: Replay, fps: int, speed: float) -> None:
                     viewer.cam.lookat[:] += path.aims[index] - path.aims[before]
                 stage.add(viewer.user_scn, replay, index, wide)
             labels, values = zip(*replay.readouts(index), strict=True)
-            lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
+            lines = (f"{replay.plan.name}, {replay.controller}", *labels, replay.ended(index))
             left = "\n".join(lines).replace("Δ", "d")
             for name, letter in GREEK.items():  # which its font does not have
                 left = left.replace(letter, name)

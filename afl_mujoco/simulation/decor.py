@@ -95,7 +95,9 @@ def add_tracks(
 
     wide: Half the width that is seen [m]. Returns the numbers of marks [m], and where they go [m].
     """
-    step = _spacing(wide)
+    least = max(wide, 1e-6) / MARKS
+    decade = 10.0 ** math.floor(math.log10(least))  # a step is a round one
+    step = next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
     size, box = model.mj_model.stat.extent, mujoco.mjtGeom.mjGEOM_BOX
     numbers: list[tuple[float, Floats]] = []
     for track in tracks:
@@ -127,13 +129,6 @@ def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> flo
     own = [one for one in drawn_geoms(m) if m.geom_bodyid[one] == m.jnt_bodyid[joint]]
     beyond = (corners(m, d, own) - track.at) @ track.along - here
     return float((math.copysign(1.0, side) * beyond).max(initial=-math.inf)) if own else 0.0
-
-
-def _spacing(wide: float) -> float:
-    """Return a round distance of which at most `MARKS` fit into a width."""
-    least = max(wide, 1e-6) / MARKS
-    decade = 10.0 ** math.floor(math.log10(least))
-    return next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
 
 
 def add_forces(
