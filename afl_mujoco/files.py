@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import fcntl
 import json
-import math
 import os
 import re
 import shutil
@@ -80,17 +78,6 @@ def _claimed(path: str | Path) -> int | None:
     return None
 
 
-def _remove_left_behind(folder: Path) -> None:
-    for path in folder.glob(f".*{OURS}*"):
-        with contextlib.suppress(OSError):
-            held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-            try:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(path) if path.is_dir() else path.unlink()
-            finally:
-                os.close(held)
-
-
 def inside(folder: Path, name: str) -> Path:
     """Return a file of a folder, or raise if its name or a link leads out of the folder."""
     path, real = folder / name, os.path.realpath(folder / name)
@@ -154,22 +141,22 @@ def output_folder(path: str | Path) -> Path:
     Anything else raises a `FileError`. What a run that was killed has left hidden there goes.
     """
     folder = Path(path)
+    if "\0" in str(path):
+        raise FileError(f"output folder {folder}", NO_NUL)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-    except FileExistsError as error:
-        reason: OSError = error
-        try:
-            folder.stat()
-        except OSError as broken:  # a link to nowhere, or in a circle
-            reason = broken
-        raise FileError.cannot_be("written", f"output folder {folder}", reason) from None
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
-    except ValueError:
-        raise FileError(f"output folder {folder}", NO_NUL) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
-    _remove_left_behind(folder)
+    for left in folder.glob(f".*{OURS}*"):
+        with contextlib.suppress(OSError):
+            held = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+            try:
+                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(left) if left.is_dir() else left.unlink()
+            finally:
+                os.close(held)
     return folder
 
 
@@ -182,7 +169,9 @@ def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
 
     One of these may have no end, or never begin. What is not there is for the reader to say.
     """
-    with contextlib.suppress(OSError, ValueError):
+    if "\0" in str(path):
+        raise FileError(str(path), NO_NUL)
+    with contextlib.suppress(OSError):
         found = os.stat(path)
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
             raise FileError(str(path), "must be a file, but is a device, a pipe or a socket")
@@ -191,26 +180,15 @@ def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
             raise FileError(str(path), f"must be at most {most / 1e6:g} MB, has {size}")
 
 
-class EncodingError(ValueError):
-    """A text file that is not UTF-8."""
-
-
 def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
     """Return the text of a file, without the mark with which some editors begin it."""
     if isinstance(path, str | Path):
         require_regular(path, most)
         path = Path(path)
-    content = path.read_bytes()
     try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        said = "cannot be read: not UTF-8 text"
-        if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-            said += ", but UTF-16: save it as UTF-8"
-        elif 0 not in content:
-            line = content.count(b"\n", 0, error.start) + 1
-            said += f" in line {line}, but perhaps Latin-1: save it as UTF-8"
-        raise EncodingError(said) from None
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise ValueError("not UTF-8 text: save it as UTF-8") from None
 
 
 MOST_ARRAYS = 800_000_000  # largest arrays read from a file [bytes]: a run of ten million steps
@@ -228,11 +206,8 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
     wanted = list(names)
     require_regular(path)
     with zipfile.ZipFile(path) as archive:
-        there = set(archive.namelist())
-        for name in wanted:
-            if f"{name}.npy" not in there:
-                raise KeyError(name)
-        size = sum(_array_size(archive, name) for name in wanted)
+        sizes = {one.filename: one.file_size for one in archive.infolist()}
+    size = sum(sizes[f"{name}.npy"] for name in wanted)
     if size > MOST_ARRAYS:
         raise ValueError(
             f"its arrays must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
@@ -241,37 +216,10 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
         return {name: file[name] for name in wanted}
 
 
-def _array_size(archive: zipfile.ZipFile, name: str) -> int:
-    with archive.open(f"{name}.npy") as stream:
-        header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }.get(np.lib.format.read_magic(stream))
-        if header is None:
-            raise ValueError(f"array {name!r} must be of version 1 or 2 of NumPy's format")
-        shape, _, dtype = header(stream)
-    return math.prod(shape) * dtype.itemsize
-
-
-_TOML_VALUES = '; values are written true, 0.9, [1, 2] or "text"'
-
-
 def toml_as_json(path: str | Path) -> str:
     """Return the content of a TOML file as the text that `parse_json` takes."""
-    try:
-        table = tomllib.loads(read_utf8(path, MOST_TOML))
-        return json.dumps(table, default=str)
-    except OSError as error:
-        raise FileError.cannot_be("read", path, error) from None
-    except tomllib.TOMLDecodeError as error:
-        raise FileError(str(path), f"is not valid TOML: {error}{_TOML_VALUES}") from None
-    except EncodingError as error:
-        raise FileError(str(path), str(error)) from None
-    except RecursionError:
-        raise FileError(str(path), "is nested too deeply") from None
-    except ValueError:  # of the path, or of the conversion of a whole number
-        rule = NO_NUL if "\0" in str(path) else "must not hold a whole number of so many digits"
-        raise FileError(str(path), rule) from None
+    with reading(path, "is not valid TOML", 'values are written true, 0.9, [1, 2] or "text"'):
+        return json.dumps(tomllib.loads(read_utf8(path, MOST_TOML)), default=str)
 
 
 # JSON: dataclasses are their own schema
@@ -280,7 +228,7 @@ def toml_as_json(path: str | Path) -> str:
 def write_json(path: Path, content: object, *, indent: int | None = 1) -> None:
     """Write a dataclass as JSON, whole or not at all; a list of numbers takes one line.
 
-    A number that is not finite raises a ValueError; NaN in a `FloatArray` is null in the file.
+    A number that is not finite raises a ValueError.
     """
     text = json.dumps(as_plain(content), indent=indent, allow_nan=False, ensure_ascii=False)
     if indent is not None:
@@ -346,9 +294,6 @@ def _in_one_line(error: Any, kind: Any) -> str:
             key, owner = _resolved(kind, place[:-1])
             known = [field.name for field in fields(owner)]
             which = f"known keys: {', '.join(known)}{meant(place[-1], known)}"
-            homes = _homes(kind, place[-1])
-            if homes and re.sub(r"\[\d+\]", "", key) not in homes:
-                which = f"it belongs {' or '.join(homes.values())}"
             return f"{_joined(key, place[-1])} is not a known key; {which}"
         case "value_error", {"error": AflMujocoError() as own}:
             key = _resolved(kind, place)[0]
@@ -398,29 +343,6 @@ def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
     return key, here
 
 
-def _homes(kind: Any, name: str) -> dict[str, str]:
-    """Return the tables nearest to the top of a file that have a key, and in words where it goes.
-
-    The schema may contain itself, as a schedule does that is joined from schedules.
-    """
-    level, seen = [("", "at the top, before the first table", kind)], {kind}
-    while level:
-        if found := {k: where for k, where, one in level if name in {f.name for f in fields(one)}}:
-            return found
-        below = []
-        for key, _, one in level:
-            for part, hint in get_type_hints(one, include_extras=True).items():
-                here, place = _bare(hint), _joined(key, part)
-                several = get_origin(here) in (list, tuple)
-                here = _bare(get_args(here)[0]) if several else here
-                where = f"in [[{place}]]" if several else f"in [{place}]"
-                members = (here,) if is_dataclass(here) else get_args(here)
-                below += [(place, where, m) for m in members if is_dataclass(m) and m not in seen]
-        seen.update(one for *_, one in below)
-        level = below
-    return {}
-
-
 def _bare(kind: Any) -> Any:
     """Return a type without its annotations and without None."""
     while get_origin(kind) is Annotated:
@@ -450,31 +372,3 @@ def _adapter(kind: type[Any]) -> TypeAdapter[Any]:
             extra="forbid", allow_inf_nan=False, ser_json_inf_nan="constants", strict=True
         ),
     )
-
-
-class _NestedLists:
-    """How pydantic reads and writes an array: as nested lists, NaN as null."""
-
-    @staticmethod
-    def __get_pydantic_core_schema__(source: object, handler: object) -> Any:
-        from pydantic_core import core_schema
-
-        return core_schema.no_info_plain_validator_function(
-            _array, serialization=core_schema.plain_serializer_function_ser_schema(_nested_lists)
-        )
-
-
-FloatArray = Annotated[NDArray[np.float64], _NestedLists]
-"""An array of floats as a field of a dataclass that is kept in a file."""
-
-
-def _array(value: object) -> NDArray[np.float64]:
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError("must be numbers in lists of equal lengths") from None
-
-
-def _nested_lists(array: NDArray[np.float64]) -> Any:
-    unknown = np.isnan(array)
-    return (np.where(unknown, None, array) if unknown.any() else array).tolist()  # type: ignore[call-overload]

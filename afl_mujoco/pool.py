@@ -167,6 +167,7 @@ def open_processes(workers: int) -> Iterator[Executor]:
 
     Within `kept_processes` a block that does not raise leaves them to the next.
     """
+    from concurrent.futures import as_completed
     from concurrent.futures.process import BrokenProcessPool
 
     pool = (_idle or {}).pop(workers, None) or _new_pool(workers)
@@ -176,7 +177,11 @@ def open_processes(workers: int) -> Iterator[Executor]:
         left = dict(enumerate(units))
         for _ in range(MAX_DEATHS):
             try:
-                for index, result in _computed(function, left, pool):
+                with interrupts_held():  # processes are started here
+                    futures = {pool.submit(function, unit): i for i, unit in left.items()}
+                for future in as_completed(futures):
+                    index = futures.pop(future)
+                    result = future.result()
                     del left[index]
                     yield index, result
                 return
@@ -208,18 +213,6 @@ def _new_pool(workers: int) -> ProcessPoolExecutor:
     arguments = in_one_line, gc.get_threshold()
     with _safe_path():  # its locks start a process too
         return ProcessPoolExecutor(workers, spawn, initializer=_prepare, initargs=arguments)
-
-
-def _computed(
-    function: Callable[[Any], Any], units: dict[int, Any], pool: ProcessPoolExecutor
-) -> Iterator[tuple[int, Any]]:
-    """Yield index and result of each unit as it is done."""
-    from concurrent.futures import as_completed
-
-    with interrupts_held():  # processes are started here
-        futures = {pool.submit(function, unit): index for index, unit in units.items()}
-    for future in as_completed(futures):
-        yield futures.pop(future), future.result()
 
 
 @contextmanager
@@ -278,55 +271,38 @@ def _exit_after_parent() -> None:
         os._exit(1)
 
 
-PART = 32  # items that a thread takes at a time: at most a second of work, after which it can stop
 Task = Callable[[slice], object]  # on some items; independent of those before
 
 
-def require_threads(threads: int) -> int:
-    """Return a number of threads, or raise if it is less than 1."""
-    if threads < 1:
-        raise InvalidValueError("threads", "must be at least 1", threads)
-    return threads
-
-
-def share(
-    count: int,
-    tasks: Sequence[Task],
-    progress: Callable[[int], None] = lambda items: None,
-    *,
-    part: int = PART,
-) -> None:
+def share(count: int, tasks: Sequence[Task], part: int) -> None:
     """Process all items with one thread per task; a single task runs in the thread of the caller.
 
-    Each task has its own memory and processes one part at a time. `progress` is called from the
-    calling thread with the number of items just done. An error or a Ctrl-C stops the work once
-    every thread has done its current part; of several errors, that of the first item is raised.
+    Each task has its own memory and processes one part at a time. An error or a Ctrl-C stops the
+    work once every thread has done its current part; of several errors, that of the first item is
+    raised.
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    parts = [range(first, min(first + part, count)) for first in range(0, count, part)]
+    parts = [slice(first, min(first + part, count)) for first in range(0, count, part)]
     if len(tasks) == 1:
         for items in parts:
-            tasks[0](slice(items.start, items.stop))
-            progress(len(items))
+            tasks[0](items)
         return
     free: SimpleQueue[Task] = SimpleQueue()
     for task in tasks:
         free.put(task)
 
-    def do(items: range) -> int:
+    def do(items: slice) -> None:
         task = free.get()
         try:
-            task(slice(items.start, items.stop))
+            task(items)
         finally:
             free.put(task)
-        return len(items)
 
     with ThreadPoolExecutor(len(tasks)) as pool:
         try:
-            futures = [pool.submit(do, items) for items in parts]
-            for future in futures:  # in their order, for the first error
-                progress(future.result())
+            for future in [pool.submit(do, items) for items in parts]:  # in order: the first error
+                future.result()
         finally:
             pool.shutdown(cancel_futures=True)
 
@@ -358,9 +334,7 @@ def open_cluster(address: str) -> Iterator[Executor]:
         extra = f"pip install {PACKAGE.replace('_', '-')}[cluster]"
         raise _error(address, f"needs Dask: {extra}") from None
     for name in ("distributed", "distributed.client", "tornado.application"):
-        logging.getLogger(name).setLevel(
-            logging.CRITICAL + 1
-        )  # they log errors that are raised anyway
+        logging.getLogger(name).setLevel(100)  # they log errors that are raised anyway
 
     async def identity() -> Any:
         async with distributed.rpc(address, timeout=TIMEOUT) as server:

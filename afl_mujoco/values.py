@@ -24,9 +24,7 @@ Value = TypeVar("Value")
 def require_type(thing: str, value: object, kind: type | UnionType) -> None:
     """Raise unless `value` is an instance of `kind`."""
     if not isinstance(value, kind):
-        names = [
-            one.__name__ for one in (kind.__args__ if isinstance(kind, UnionType) else (kind,))
-        ]
+        names = (one.__name__ for one in get_args(kind) or (kind,))
         raise InvalidValueError(thing, f"must be of type {' or '.join(names)}", repr(value))
 
 
@@ -90,15 +88,6 @@ def require_switch(thing: str, value: object) -> bool:
     """Return `value`, or raise unless it is true or false."""
     require_type(thing, value, bool)
     return bool(value)
-
-
-def require_whole(thing: str, value: object, least: int, most: int, said: str = "") -> int:
-    """Return `value`, or raise unless it is a whole number in a range; `said` writes its end."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise InvalidValueError(thing, "must be a whole number", repr(value))
-    if not least <= value <= most:
-        raise InvalidValueError(thing, f"must lie in {least} to {said or most}", value)
-    return value
 
 
 def require_distinct(thing: str, names: Sequence[str], hint: str = "") -> None:

@@ -21,12 +21,12 @@ from scipy.optimize import least_squares
 
 from afl_mujoco.control.gains import FIXED_GAINS, GAIN_NAMES, Gains, scheduled_gain, shipped_file
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
-from afl_mujoco.files import FloatArray, read_json, write_json, write_text
+from afl_mujoco.files import read_json, write_json, write_text
 from afl_mujoco.scenario.parameters import NOMINAL
 from afl_mujoco.simulation.scoring import ObjectiveScales
 from afl_mujoco.values import require_positive
 from research.batch import closed_loop_terms, penalised_objective
-from research.genetic import Box, GeneticSettings, minimise, require_seed
+from research.genetic import Box, FloatArray, GeneticSettings, minimise, require_seed
 
 HORIZON = 20.0
 """Horizon of the objective [s], decision D4."""

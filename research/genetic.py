@@ -13,11 +13,12 @@ from array import array
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, Literal, final
+from typing import Annotated, Any, Literal, final
 
 import numpy as np
 from numpy.random import PCG64, Generator
 from numpy.typing import ArrayLike, NDArray
+from pydantic import PlainSerializer, PlainValidator
 
 from afl_mujoco.errors import (
     AflMujocoError,
@@ -26,9 +27,24 @@ from afl_mujoco.errors import (
     reading,
     require_count,
 )
-from afl_mujoco.files import FloatArray, read_json, shortened, write_json
+from afl_mujoco.files import read_json, shortened, write_json
 
 IndexArray = NDArray[np.intp]
+
+
+def _array(value: object) -> NDArray[np.float64]:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("must be numbers in lists of equal lengths") from None
+
+
+def _nested_lists(array: NDArray[np.float64]) -> Any:
+    return np.where(np.isnan(array), np.array(None), array).tolist()
+
+
+FloatArray = Annotated[NDArray[np.float64], PlainValidator(_array), PlainSerializer(_nested_lists)]
+"""An array of floats as a field of a dataclass that is kept in a file: NaN is null there."""
 
 ROUND_OFF = 1e-9
 """Round-off that is tolerated in a sum of shares, and in a whole number of groups."""

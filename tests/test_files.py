@@ -73,23 +73,10 @@ def test_a_scenario_with_a_mark_of_encoding_or_in_capitals_is_read(command_line,
     assert (code, errors) == (0, "") and (tmp_path / "out" / f"{Path(name).stem}.toml").is_file()
 
 
-@pytest.mark.parametrize(("encoding", "message"), [
-    ("utf-16", "cannot be read: not UTF-8 text, but UTF-16: save it as UTF-8"),
-    ("latin-1", "cannot be read: not UTF-8 text in line 2, but perhaps Latin-1: save it"),
-])  # fmt: skip
-def test_a_scenario_in_another_encoding_is_told_which(refuses, tmp_path, encoding, message) -> None:
+@pytest.mark.parametrize("encoding", ["utf-16", "latin-1"])
+def test_a_scenario_in_another_encoding_is_refused(refuses, tmp_path, encoding) -> None:
     (tmp_path / "a.toml").write_text("duration = 0.2\n# Größe\n", encoding=encoding)
-    assert f"a.toml {message}" in refuses("simulate", "a.toml")
-
-
-def test_an_output_folder_that_links_nowhere_says_so(refuses, tmp_path: Path) -> None:
-    (tmp_path / "short.toml").write_text("duration = 0.1\n")
-    (tmp_path / "loop").symlink_to("loop")
-    (tmp_path / "gone").symlink_to("nothing")
-    for out, why in (("loop", "too many levels of symbolic links"), ("gone", "no such file")):
-        for command in ("simulate", "compare"):
-            said = refuses(command, "short.toml", "--out", out)
-            assert f"output folder {out} cannot be written: {why}" in said
+    assert "not UTF-8 text: save it as UTF-8" in refuses("simulate", "a.toml")
 
 
 @pytest.mark.slow

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.study import CORES, Workers, study_progress, write_page
+from afl_mujoco.cli.study import CORES, Workers, write_page
 from afl_mujoco.cli.terminal import (
     CHECK_FAILED,
     FILMS,
@@ -20,6 +20,7 @@ from afl_mujoco.cli.terminal import (
     count_bar,
     say,
     separated,
+    study_progress,
     typed,
 )
 from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, chosen
@@ -27,7 +28,6 @@ from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
-    from afl_mujoco.control.controller import Controller
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.time_steps import Deployed
     from afl_mujoco.simulation.trajectory import Trajectory
@@ -237,24 +237,23 @@ class Regression:
     def run(self) -> int:
         """Run everything; compare, or update the baselines."""
         from afl_mujoco.control.catalogue import CONTROLLERS
+        from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.catalogue import SCENARIOS
-        from afl_mujoco.studies.shared.contract import counted
         from afl_mujoco.studies.verify.regression import (
             REGRESSED,
             compare,
             load_baselines,
-            open_for_update,
             record_all,
             update_baselines,
         )
 
-        read = open_for_update if self.update else load_baselines
-        baselines = read(self.baselines)  # what is quick to check comes first
+        # what is quick to check comes first
+        folder = output_folder(self.baselines) if self.update else self.baselines
+        baselines = load_baselines(folder)
         scenarios = list(SCENARIOS.values())
         controllers = [CONTROLLERS[name] for name in REGRESSED]
         with study_progress() as progress:
-            advance = counted(progress, "validating", len(scenarios) * len(controllers))
-            fresh = record_all(scenarios, controllers, workers=self.workers, progress=advance)
+            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
         if self.update:
             say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
@@ -340,8 +339,10 @@ class Simulate(_Deployed):
         from afl_mujoco.simulation.bound_controllers import bound
         from afl_mujoco.simulation.figures import draw_runs
         from afl_mujoco.simulation.metrics import in_order, metrics
+        from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.remarks import remarks_on
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+        from afl_mujoco.simulation.simulate import simulate_ode
         from afl_mujoco.simulation.trajectory import Layout
         from afl_mujoco.studies.shared.run import run_of
         from afl_mujoco.studies.shared.tables import how, metrics_matrix, requirements_matrix
@@ -349,8 +350,21 @@ class Simulate(_Deployed):
         controller = bound(controller, scenario)
         other = "exact" if self.simulator == "ode" else "ode"
         simulators = (self.simulator, other) if self.compare else (self.simulator,)
-        own = replace(self, timestep=timestep, integrator=integrator)
-        runs = [own._simulate(scenario, controller, kind) for kind in simulators]
+
+        def simulated(kind: str) -> Trajectory:
+            if kind == "ode":
+                return simulate_ode(scenario, controller, sample_period=timestep or LONGEST_STEP)
+            held = self.control_period
+            return simulate_mujoco(
+                scenario,
+                controller,
+                kind,
+                timestep=timestep,
+                control_period=held,
+                integrator=integrator,
+            )
+
+        runs = [simulated(kind) for kind in simulators]
         resolved = self.out / f"{scenario.name}.toml"
         given = Path(self.scenario)
         if resolved.is_file() and given.is_file() and resolved.samefile(given):
@@ -389,19 +403,3 @@ class Simulate(_Deployed):
         headline = f"{controller.name} on {scenario.name}: {ending}"
         print_report(Report(headline=headline, blocks=blocks, passed=not run.missed))
         return CHECK_FAILED if run.missed else SUCCESS
-
-    def _simulate(self, scenario: Scenario, controller: Controller, simulator: str) -> Trajectory:
-        from afl_mujoco.scenario.time_steps import LONGEST_STEP
-        from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-        from afl_mujoco.simulation.simulate import simulate_ode
-
-        if simulator == "ode":
-            return simulate_ode(scenario, controller, sample_period=self.timestep or LONGEST_STEP)
-        return simulate_mujoco(
-            scenario,
-            controller,
-            simulator,
-            timestep=self.timestep,
-            control_period=self.control_period,
-            integrator=self.integrator or "RK4",
-        )

@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import io
 import itertools
-import os
 import re
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields
 from importlib.metadata import version
-from typing import Any, Union, get_args, get_type_hints
+from typing import Any, Union, get_args
 
 import tyro
 
@@ -23,6 +22,7 @@ from afl_mujoco.cli.terminal import (
     INTERRUPTED,
     SUCCESS,
     Output,
+    is_positional,
     numbers_apart,
     plain_help,
 )
@@ -38,7 +38,7 @@ from afl_mujoco.errors import (
     warning_in_one_line,
 )
 from afl_mujoco.pool import interrupts_noted, is_interrupt
-from afl_mujoco.studies.shared.contract import listed
+from afl_mujoco.studies.shared.contract import studies
 
 OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
 """Commands listed after those of the studies."""
@@ -60,11 +60,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str] | None) -> int:
     with interrupts_noted():
         try:
-            with _warnings_in_one_line():
+            with contextlib.ExitStack() as stack:
+                stack.callback(setattr, warnings, "formatwarning", warnings.formatwarning)
+                warnings.formatwarning = warning_in_one_line
                 command = _parse(arguments)
-                with _calls_limited_to(getattr(command, "call_limit", None)):
-                    code: int = command.run()
-            return code
+                if (limit := getattr(command, "call_limit", None)) is not None:
+                    from afl_mujoco.control.own import calls_limited_to
+
+                    stack.enter_context(calls_limited_to(limit))
+                return int(command.run())
         except SystemExit as end:  # of the parser
             return int(end.code or SUCCESS)
         except BaseException as error:
@@ -73,39 +77,10 @@ def _run(arguments: Sequence[str] | None) -> int:
                 return INTERRUPTED
             if not isinstance(error, AflMujocoError | OSError):
                 raise
-            told = error if isinstance(error, AflMujocoError) else _refused_by_the_system(error)
-            print(f"{PROGRAM}: {told}", file=sys.stderr)
+            if isinstance(error, OSError):  # as of a working folder that is gone
+                error = FileError.cannot_be("used", error.filename or "working directory", error)
+            print(f"{PROGRAM}: {error}", file=sys.stderr)
             return BAD_INPUT
-
-
-def _calls_limited_to(seconds: float | None) -> contextlib.AbstractContextManager[None]:
-    if seconds is None:
-        return contextlib.nullcontext()
-    from afl_mujoco.control.own import calls_limited_to
-
-    return calls_limited_to(seconds)
-
-
-@contextlib.contextmanager
-def _warnings_in_one_line() -> Iterator[None]:
-    usual = warnings.formatwarning
-    warnings.formatwarning = warning_in_one_line
-    try:
-        yield
-    finally:
-        warnings.formatwarning = usual
-
-
-def _refused_by_the_system(error: OSError) -> FileError:
-    """Return the error of something that no command expects, as a working folder that is gone."""
-    thing = error.filename
-    if thing is None:
-        try:
-            os.getcwd()
-            thing = "the operating system's resource"
-        except OSError:
-            thing = "working directory"
-    return FileError.cannot_be("used", thing, error)
 
 
 def _parse(arguments: Sequence[str] | None) -> Any:
@@ -158,7 +133,7 @@ def _other(kind: type, chosen: str) -> Any:
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     """Return the complaint of the parser in one line, with a suggestion."""
-    names = [*listed(), *(kind.__name__.lower() for kind in OTHERS)]
+    names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
@@ -173,8 +148,6 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         return _no_number(found[1], found[2], given)
     if found := re.match(r"Expected one of \{(.*)\}\.", said):
         return str(InvalidValueError("command", f"must be one of {found[1]}", "none"))
-    if found := re.match(r"Unrecognized options: (\w\S*) Available subcommands: (.*?) For ", said):
-        return str(UnknownNameError.among("command", found[1], found[2].split(", ")))
     found = re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,=]+)", said)
     if found is None:
         return said
@@ -183,7 +156,7 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
             return str(InvalidValueError(option, "must have no value", found[1]))
         return f"argument {found[1]!r} is one too many"
     options = _options()
-    command = next((c for c in (" ".join(given[:2]), *given[:1]) if c in options), PROGRAM)
+    command = given[0] if given[0] in options else PROGRAM
     return f"{found[1]} is not an option of {command}{meant(found[1], options.get(command, []))}"
 
 
@@ -207,15 +180,12 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
 def _options() -> dict[str, list[str]]:
     kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
     of_studies = (get_args(kind)[0] for kind in study_commands())
-    kinds |= dict(zip(listed(), of_studies, strict=True))
+    kinds |= dict(zip(studies(), of_studies, strict=True))
     return {
         name: [
             f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
             for field in fields(kind)
-            if tyro.conf.Positional
-            not in getattr(
-                get_type_hints(kind, include_extras=True)[field.name], "__metadata__", ()
-            )
+            if not is_positional(kind, field.name)
         ]
         for name, kind in kinds.items()
     }

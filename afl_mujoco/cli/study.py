@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -18,15 +17,15 @@ from afl_mujoco.cli.terminal import (
     RESULTS,
     SUCCESS,
     CallLimit,
-    bars,
     plain_help,
     say,
     separated,
+    study_progress,
     typed,
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Interrupted, Progress, Study, find_study, listed
+from afl_mujoco.studies.shared.contract import Interrupted, Study, studies
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
@@ -59,14 +58,14 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
     from afl_mujoco.files import write_text
     from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.listing import sections as film_sections
-    from afl_mujoco.report.page import Part, to_html
+    from afl_mujoco.report.page import to_html
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     records = load_records(folder, ahead=ahead)
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     there = [place for place in (ahead, folder) if place is not None]
-    parts = [Part(record.report, record.study.name, there) for record in records]
+    reports = {record.study.name: record.report for record in records}
     apart = folder.resolve() != films.resolve()  # a study films into the folder of its result
     places = [folder, films] if apart else [films]
     entries = [one for place in places for one in load_listing(place)]
@@ -75,7 +74,7 @@ def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
         *film_sections(films),
         _reproduce(records, list(_mixed(records, entries))),
     ]
-    write_text((ahead or folder) / PAGE, to_html(TITLE, parts, last, folder))
+    write_text((ahead or folder) / PAGE, to_html(TITLE, reports, there, last, folder))
     return folder / PAGE
 
 
@@ -133,7 +132,9 @@ class StudyCommand:
 
     def run(self) -> int:
         """Run the study, write its files, print its sections, make the page."""
-        study, configuration = self.study, self.configuration
+        study, kind = self.study, self.study.configuration
+        given = {field.name: separated(getattr(self, field.name)) for field in fields(kind)}
+        configuration = kind(**given)
         from afl_mujoco.pool import require_address, require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
@@ -184,12 +185,6 @@ class StudyCommand:
         print_report(report := record.report)
         return CHECK_FAILED if report.passed is False else SUCCESS
 
-    @property
-    def configuration(self) -> Any:
-        """The configuration of the study, from the options."""
-        kind = self.study.configuration
-        return kind(**{field.name: separated(getattr(self, field.name)) for field in fields(kind)})
-
 
 Workers = Annotated[
     int,
@@ -213,8 +208,8 @@ def study_commands(chosen: str | None = None) -> list[Any]:
     name and what the list of commands says of them.
     """
     return [
-        _command(find_study(name)) if chosen in (None, name) else stub(name, one.summary)
-        for name, one in listed().items()
+        _command(one) if chosen in (None, name) else stub(name, one.summary)
+        for name, one in studies().items()
     ]
 
 
@@ -249,21 +244,6 @@ def _told(files: Sequence[Path]) -> str:
         many = len(there) > MOST_TOLD
         told += [f"{len(there)} scenario files in {folder}"] if many else there
     return ", ".join(told) + (f" and {len(figures)} files of figures" if figures else "")
-
-
-@contextmanager
-def study_progress() -> Iterator[Progress]:
-    """Yield a function that shows a bar for each task of a study."""
-    with bars() as shown:
-        tasks: dict[str, Callable[[int, str], None]] = {}
-
-        def report(doing: str, done: int, total: int) -> None:
-            task = doing.partition(":")[0]
-            if task not in tasks:
-                tasks[task] = shown(doing, total)
-            tasks[task](done, doing)
-
-        yield report
 
 
 def _command(study: Study) -> Any:

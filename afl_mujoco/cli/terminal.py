@@ -10,11 +10,14 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import IO, Annotated, Any, TextIO, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar, get_type_hints
 
 import tyro
 
 from afl_mujoco.errors import printable
+
+if TYPE_CHECKING:
+    from afl_mujoco.studies.shared.contract import Progress
 
 SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
@@ -80,22 +83,20 @@ def say(*lines: object) -> None:
         print(printable(str(line)))
 
 
-@contextlib.contextmanager
-def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
-    """Yield a function that sets a bar to the number of parts done."""
-    with bars() as add:
-        yield add(doing, total)
+def is_positional(options: type, name: str) -> bool:
+    """Return whether an option of a dataclass is given by its place."""
+    hint = get_type_hints(options, include_extras=True)[name]
+    return tyro.conf.Positional in getattr(hint, "__metadata__", ())
 
 
 def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
     """Return a command as typed into a shell, with the options that are not at their default."""
-    hints = get_type_hints(type(options), include_extras=True)
     names: list[str] = []
     words: list[str] = []
     for option in fields(options):
         value = getattr(options, option.name)
         default = option.default if option.default_factory is MISSING else option.default_factory()
-        if tyro.conf.Positional in getattr(hints[option.name], "__metadata__", ()):
+        if is_positional(type(options), option.name):
             names += value if isinstance(value, tuple) else [value] * (value != default)
         elif value != default and option.name not in leave_out:
             name = option.name.replace("_", "-")
@@ -108,45 +109,44 @@ def typed(command: str, options: Any, leave_out: Collection[str] = ()) -> str:
 
 
 @contextlib.contextmanager
-def bars() -> Iterator[Callable[[str, int], Callable[..., None]]]:
-    """Yield a function that adds a bar with a text and a total, and returns its update function.
+def study_progress() -> Iterator[Progress]:
+    """Yield a function that shows a bar for each task, which the text before a colon names.
 
     Bars are on stderr; without a terminal, progress is an occasional line.
     """
     from rich.console import Console
     from rich.markup import escape
-    from rich.progress import Progress
+    from rich.progress import Progress, TaskID
 
-    console = Console(stderr=True)
+    console, last = Console(stderr=True), time.monotonic()
     if not console.is_terminal:
-        yield _lines(console.file)
-        return
-    with Progress(console=console, transient=True) as shown:
 
-        def add(doing: str, total: int) -> Callable[..., None]:
-            task = shown.add_task(escape(printable(doing)), total=total)
-
-            def update(done: int, what: str = doing) -> None:
-                shown.update(task, completed=done, description=escape(printable(what)))
-
-            return update
-
-        yield add
-
-
-def _lines(stream: IO[str]) -> Callable[[str, int], Callable[..., None]]:
-    last = time.monotonic()
-
-    def add(doing: str, total: int) -> Callable[..., None]:
-        def update(done: int, what: str = doing) -> None:
+        def tell(doing: str, done: int, total: int) -> None:
             nonlocal last
             if time.monotonic() - last >= SECONDS and done < total:
                 last = time.monotonic()
-                print(printable(f"{what}: {done} of {total}"), file=stream, flush=True)
+                print(printable(f"{doing}: {done} of {total}"), file=console.file, flush=True)
 
-        return update
+        yield tell
+        return
+    with Progress(console=console, transient=True) as bars:
+        tasks: dict[str, TaskID] = {}
 
-    return add
+        def show(doing: str, done: int, total: int) -> None:
+            task = doing.partition(":")[0]
+            if task not in tasks:
+                tasks[task] = bars.add_task("", total=total)
+            bars.update(tasks[task], completed=done, description=escape(printable(doing)))
+
+        yield show
+
+
+@contextlib.contextmanager
+def count_bar(total: int, doing: str) -> Iterator[Callable[[int], None]]:
+    """Yield a function that sets a bar to the number of parts done."""
+    with study_progress() as show:
+        show(doing, 0, total)
+        yield lambda done: show(doing, done, total)
 
 
 CLOSED = "it is closed"

@@ -47,12 +47,6 @@ class Standpoint:
         found.elevation = self.elevation
         return found
 
-    @property
-    def toward(self) -> Floats:
-        """Where the camera is, seen from what it films, as a unit vector."""
-        angle = np.radians(self.azimuth)
-        return -np.array([np.cos(angle), np.sin(angle), 0.0])
-
 
 def project(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> tuple[float, float]:
     """Return where a point [m] is in the picture, column and row [px]; NaN behind the camera."""
@@ -143,19 +137,12 @@ def _distance(
     side = slope * size[0] / size[1] * (1.0 - 2.0 * frame.side)
     above, below = slope * (1.0 - 2.0 * frame.top), slope * (1.0 - 2.0 * frame.bottom)
 
-    def room(distance: float) -> list[tuple[float, float]]:
-        depth = distance + forward
-        return [
-            (float((right - side * depth).max()), float((right + side * depth).min())),
-            (float((up - above * depth).max()), float((up + below * depth).min())),
-        ]
-
-    low = float(-forward.min()) + 1e-3
-    high = low + 1.0
-    while any(least > most for least, most in room(high)):
-        high = low + 2.0 * (high - low)
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        fits = all(least <= most for least, most in room(middle))
-        low, high = (low, middle) if fits else (middle, high)
-    return high, np.array([0.5 * (least + most) for least, most in room(high)])
+    # of each way, between which points to look from depth 0: each moves by its share of the depth
+    ends = [
+        (float((x - most * forward).max()), float((x + least * forward).min()), most, least)
+        for x, most, least in ((right, side, side), (up, above, below))
+    ]
+    room = [(low - high) / (most + least) for low, high, most, least in ends]
+    distance = max(1e-3 - float(forward.min()), *room)
+    looks = [low - most * distance + high + least * distance for low, high, most, least in ends]
+    return distance, 0.5 * np.array(looks)

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pydantic import PositiveInt
+
 from afl_mujoco.files import inside, read_json, remove_file, write_json
 from afl_mujoco.report.blocks import Block, Film, Section
 from afl_mujoco.report.numbers import sentence
@@ -25,23 +27,13 @@ class Entry:
     title: str
     scenario: str
     controllers: tuple[str, ...]
-    width: int
-    height: int
-    fps: int
-    frames: int
+    width: PositiveInt
+    height: PositiveInt
+    fps: PositiveInt
+    frames: PositiveInt
     deployment: Deployed
     command: str
     inputs: dict[str, str] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        """Raise unless the files are beside the list and the sizes are positive."""
-        for name in (self.file, self.poster):
-            if Path(name).is_absolute() or ".." in Path(name).parts:
-                raise ValueError(f"must lie beside {LISTING}, got {name!r}")
-        if not self.file.endswith(".mp4"):
-            raise ValueError(f"must end in .mp4, got {self.file!r}")
-        if min(self.width, self.height, self.fps, self.frames) < 1:
-            raise ValueError("must have positive width, height, fps and frames")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -102,20 +94,20 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
     blocks: list[Block] = [LEDE]
     scenarios = sorted({one.scenario for one in entries})
     for number, scenario in enumerate(scenarios, start=1):
-        films = [_film(one, folder) for one in entries if one.scenario == scenario]
+        films = [
+            Film(
+                title=one.title,
+                caption=f"{sentence(one.deployment.describe())}.",
+                file=folder / one.file,
+                poster=folder / one.poster,
+                width=one.width,
+                height=one.height,
+                command=one.command,
+                wide=len(one.controllers) > 1,
+            )
+            for one in entries
+            if one.scenario == scenario
+        ]
         folded = len(scenarios) > 1
         blocks.append(Section(scenario, f"{anchor}-{number}", films, folded=folded))
     return [Section(title, anchor, blocks)]
-
-
-def _film(entry: Entry, folder: Path) -> Film:
-    return Film(
-        title=entry.title,
-        caption=f"{sentence(entry.deployment.describe())}.",
-        file=folder / entry.file,
-        poster=folder / entry.poster,
-        width=entry.width,
-        height=entry.height,
-        command=entry.command,
-        wide=len(entry.controllers) > 1,
-    )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib
+import mujoco
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -23,7 +24,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
-from afl_mujoco.films.scene import GHOST, Number, open_scene
+from afl_mujoco.films.scene import GHOST, Number, Stage
 from afl_mujoco.report.style import colours
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.simulation.decor import FORCE, PUSH, Colour
@@ -102,7 +103,7 @@ def frames(
     places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
     left = 0 if two else part[0]
     plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
-    scenario = replays[0].scenario
+    scenario = replays[0].plan.name
     titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
     behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
@@ -110,15 +111,15 @@ def frames(
     corner = min(1, len(replays) - 1)
     above = max(28 * len(titles[corner]), 16 * len(subtitle.text) * alone) * LETTER * s
     behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], above, s))
-    with open_scene(replays, fps, part, frame) as scene:
+    stage = Stage.of(replays, fps, part, frame)
+    with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
         last = last_frame(replays, fps)
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
-            for replay, path, back, (y, x) in zip(
-                replays, scene.stage.paths, behind, places, strict=False
-            ):
-                drawn, marks = scene.draw(replay, index, path)
+            shown = zip(replays, stage.paths, behind, places, strict=False)
+            for replay, path, back, (y, x) in shown:
+                drawn, marks = stage.draw(renderer, replay, index, path)
                 texts = _numbers(replay, index, marks, part, s, ending)
                 picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
             if plots is not None:
@@ -195,7 +196,9 @@ def _numbers(
         if 30 * s < x < width - 30 * s and y < height - (READOUTS + 15) * s
     ]
     numbers = [(label, _minus(value)) for label, value in replay.readouts(index)]
-    numbers = _fitting(numbers, (width - 28 * s) / s)
+    letters = np.array([max(16 * len(label), 24 * len(value)) for label, value in numbers])
+    fit = np.cumsum(LETTER * letters + 16) <= (width - 28 * s) / s
+    numbers = numbers[: int(np.count_nonzero(fit))]
     weights = np.array([max(len(label), 1.5 * len(value)) + 2.0 for label, value in numbers])
     shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
     columns = 28 * s + (width - 36 * s) * shares
@@ -213,12 +216,6 @@ def _numbers(
 def _minus(number: str) -> str:
     """Return a number with the sign of minus."""
     return number.replace("-", "−")
-
-
-def _fitting(numbers: list[tuple[str, str]], width: float) -> list[tuple[str, str]]:
-    """Return the first numbers, as many as fit into a width [px at the size of the design]."""
-    letters = np.array([max(16 * len(one), 24 * len(other)) for one, other in numbers])
-    return numbers[: int(np.count_nonzero(np.cumsum(LETTER * letters + 16) <= width))]
 
 
 def _rgb(colour: Colour) -> Rgb:
@@ -257,16 +254,6 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
     return until
 
 
-def _styles(replays: Sequence[Replay]) -> list[dict[str, Any]]:
-    """Return how the curves of each run look."""
-    names = [str(replay.controller) for replay in replays]
-    colour = colours(names)
-    return [
-        {"color": _on_dark(colour[name]), "ls": dash, "lw": 1.5, "label": name}
-        for name, dash in zip(names, LINES, strict=False)
-    ]
-
-
 PLAIN: dict[str, Any] = {"color": "#dfe3ea", "lw": 1.5}
 """How curves look that are the same in every run."""
 
@@ -281,13 +268,22 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
     labels = labels[:MOST_CURVES]
     rows = 2 if len(labels) <= 8 else 3
     columns = -(-len(labels) // rows)
-    axes = [figure.add_subplot(rows, columns, 1 + i) for i in range(len(labels))]
+    axes: list[Axes] = []
+    for i, label in enumerate(labels):
+        below = "time t [s]" if i >= len(labels) - columns else ""
+        place = {"ylabel": label, "xlabel": below, "xlim": (0.0, end)}
+        axes.append(figure.add_subplot(rows, columns, 1 + i, **place))
+        axes[i].xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
+        axes[i].grid(lw=0.6)
     lines: list[Line2D] = []
-    for replay, style in zip(replays, _styles(replays), strict=False):
+    shades = colours(replay.controller for replay in replays)
+    for replay, dash in zip(replays, LINES, strict=False):
+        who = replay.controller
+        style: Any = {"color": _on_dark(shades[who]), "ls": dash, "lw": 1.5, "label": who}
         courses = (*replay.state.T[:first], *replay.inputs.T)
         for i, (axis, curve) in enumerate(zip(axes, courses, strict=False)):
             thin = {"lw": 0.7} if i >= first else {}  # an input, in which noise shows
-            lines += axis.plot(replay.time, curve, **{**style, **thin})
+            lines += axis.plot(replay.time, curve, **style | thin)
     count = len(lines) // len(replays)
     drives = zip(axes[first:], plant.inputs, scenario.limits, strict=False)
     for i, (axis, name, limits) in enumerate(drives):
@@ -301,28 +297,10 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
     for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
         lines += axis.plot(replays[0].time, curve, **PLAIN)
-    _label(axes, labels, end, axes[-columns:], lines[: count * len(replays) : count])
+    handles = lines[: count * len(replays) : count]
+    look: dict[str, Any] = {"ncols": 2, "frameon": False, "handlelength": 2.6}
+    figure.legend(handles=handles, loc="outside upper center", **look)
     return axes, lines
-
-
-def _label(
-    axes: Sequence[Axes],
-    labels: Sequence[str],
-    end: float,
-    lowest: Sequence[Axes],
-    handles: Sequence[Line2D],
-) -> None:
-    """Label the axes, and name the runs above them."""
-    for axis, label in zip(axes, labels, strict=True):
-        axis.set_ylabel(label)
-        axis.set_xlim(0.0, end)
-        axis.xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-        axis.grid(lw=0.6)
-    for axis in lowest:
-        axis.set_xlabel("time t [s]")
-    axes[0].figure.legend(
-        handles=handles, loc="outside upper center", ncols=2, frameon=False, handlelength=2.6
-    )
 
 
 def _on_dark(colour: str) -> tuple[float, float, float]:

@@ -51,11 +51,6 @@ class Replay:
     verdict: str = ""  # how it met what is required
 
     @property
-    def scenario(self) -> str:
-        """The name of the scenario."""
-        return self.plan.name
-
-    @property
     def changing(self) -> list[tuple[str, str, NDArray[np.float64]]]:
         """Name, unit and course of each parameter that changes."""
         return changing(self.plan.plant, self.values)

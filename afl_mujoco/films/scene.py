@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -49,7 +48,9 @@ class Stage:
         """Return the stage of runs of one scenario."""
         model = drawn_model(replays[0].plan)
         paths = watch(model, replays, fps, size, frame)
-        rails = tracks(replays[0].plan, model, paths[0].toward)
+        angle = np.radians(paths[0].azimuth)
+        toward = -np.array([np.cos(angle), np.sin(angle), 0.0])  # where one is who looks
+        rails = tracks(replays[0].plan, model, toward)
         return cls(model, mujoco.MjData(model.mj_model), paths, rails)
 
     def add(
@@ -63,32 +64,24 @@ class Stage:
         add_forces(scene, self.model, replay.inputs[index], replay.channels[index])
         return add_tracks(scene, self.model, self.rails, replay.state[index], wide)
 
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """A stage and the renderer that draws it."""
-
-    stage: Stage
-    renderer: mujoco.Renderer
-
     def draw(
-        self, replay: Replay, index: int, path: Standpoint
+        self, renderer: mujoco.Renderer, replay: Replay, index: int, path: Standpoint
     ) -> tuple[NDArray[np.uint8], list[Number]]:
         """Move everything to a frame and return it, shape (height, width, 3).
 
         With it come the numbers of rails [m], and where they are in the picture [px].
         """
-        model = self.stage.model
+        model = self.model
         pose(model, replay, index)
-        self.renderer.update_scene(model.mj_data, path.camera(index))
-        scene, size = self.renderer.scene, (self.renderer.width, self.renderer.height)
+        renderer.update_scene(model.mj_data, path.camera(index))
+        scene, size = renderer.scene, (renderer.width, renderer.height)
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
             scene.flags[flag] = False
         scale = scale_of(scene, size, model.mj_data.subtree_com[0])
         wide = 0.5 * size[0] / scale if scale > 0.0 else float(model.mj_model.stat.extent)
-        marks = self.stage.add(scene, replay, index, wide)
+        marks = self.add(scene, replay, index, wide)
         numbers = [(number, project(scene, size, place)) for number, place in marks]
-        return np.asarray(self.renderer.render()), numbers
+        return np.asarray(renderer.render()), numbers
 
 
 def pose(model: SimulatedModel, replay: Replay, index: int) -> None:
@@ -135,16 +128,6 @@ def require_size(size: tuple[int, int]) -> None:
             raise InvalidValueError(f"film {thing}", "must be even, for H.264", side)
 
 
-@contextmanager
-def open_scene(
-    replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame
-) -> Iterator[Scene]:
-    """Yield a scene of runs of one scenario, and free its renderer afterwards."""
-    stage = Stage.of(replays, fps, size, frame)
-    with mujoco.Renderer(stage.model.mj_model, size[1], size[0]) as renderer:
-        yield Scene(stage, renderer)
-
-
 def view(replay: Replay, fps: int, speed: float) -> None:
     """Show a run in MuJoCo's viewer, over and over, until its window is closed."""
     import mujoco.viewer  # needs a window system, which films do without
@@ -176,7 +159,7 @@ def view(replay: Replay, fps: int, speed: float) -> None:
                     viewer.cam.lookat[:] += path.aims[index] - path.aims[before]
                 stage.add(viewer.user_scn, replay, index, wide)
             labels, values = zip(*replay.readouts(index), strict=True)
-            lines = (f"{replay.scenario}, {replay.controller}", *labels, replay.ended(index))
+            lines = (f"{replay.plan.name}, {replay.controller}", *labels, replay.ended(index))
             left = "\n".join(lines).replace("Δ", "d")
             for name, letter in GREEK.items():  # which its font does not have
                 left = left.replace(letter, name)

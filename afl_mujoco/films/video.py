@@ -150,26 +150,24 @@ def make_films(
 def _make(unit: tuple[Film, Path]) -> int:
     """Make a film in a folder, and return how many frames it has."""
     film, folder = unit
-    count = 0
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
     made = film.pictures(range(film.length))
 
     def pictures() -> Iterator[Picture]:
-        nonlocal count
         for index, picture in enumerate(made):
             if index == poster:
-                _write_picture(picture, folder / entry.poster)
-            count += 1
+                with atomic_file(folder / entry.poster) as temporary:
+                    mediapy.write_image(temporary, picture, fmt="png")
             yield picture
 
-    write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
-    return count
+    return write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
 
 
 def write_video(
     pictures: Iterable[Picture], path: Path, size: tuple[int, int], fps: int, title: str
-) -> None:
-    """Write an MP4: H.264, yuv420p, playable before it has loaded completely."""
+) -> int:
+    """Write an MP4: H.264, yuv420p, playable before it has loaded, and count its frames."""
+    count = 0
     try:
         mediapy.set_ffmpeg(str(imageio_ffmpeg.get_ffmpeg_exe()))
     except RuntimeError:
@@ -187,12 +185,14 @@ def write_video(
                 writer.__enter__()
             for picture in pictures:
                 writer.add_image(picture)
+                count += 1
         except (BrokenPipeError, RuntimeError) as error:
             refusal = str(error) if isinstance(error, RuntimeError) else "the encoder ended early"
         finally:
             refusal = _end(writer) or refusal
         if refusal:
             raise FileError(str(path), f"cannot be written: {refusal}")
+    return count
 
 
 def _end(writer: mediapy.VideoWriter) -> str | None:
@@ -208,8 +208,3 @@ def _end(writer: mediapy.VideoWriter) -> str | None:
         said = str(error).strip().splitlines()
         return said[-1].rpartition(": ")[2].strip() or "the encoder ended early"
     return None
-
-
-def _write_picture(picture: Picture, path: Path) -> None:
-    with atomic_file(path) as temporary:
-        mediapy.write_image(temporary, picture, fmt="png")

@@ -170,7 +170,7 @@ class Report:
 
 def figures_of(blocks: Sequence[Block]) -> list[Figure]:
     """Return the figures of blocks, in order."""
-    return [block for block in Section("", "", blocks).walk() if isinstance(block, Figure)]
+    return [block for block in drawn_of(blocks) if isinstance(block, Figure)]
 
 
 def drawn_of(blocks: Sequence[Block]) -> list[Figure | Replay]:

@@ -39,26 +39,28 @@ _ICON = (
 _KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay: "replay"}
 
 
-class Part(NamedTuple):
-    """A report on a page."""
+def to_html(
+    title: str,
+    reports: Mapping[str, Report],
+    folders: Sequence[Path],
+    last: Sequence[Section],
+    page_folder: Path,
+) -> str:
+    """Return a page of reports by anchor, the same bytes each time.
 
-    report: Report
-    anchor: str  # of its section
-    folders: Sequence[Path]  # of its figures; the first that has one counts
-
-
-def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_folder: Path) -> str:
-    """Return a page, the same bytes each time; large films are linked, as seen from its folder."""
-    sections = [Section(part.report.title, part.anchor, part.report.blocks) for part in parts]
-    every = [block for section in (*sections, *last) for block in section.walk()]
+    Of the folders of figures the first that has one counts. Large films are linked, as seen from
+    the page's folder.
+    """
+    sections = [Section(one.title, anchor, one.blocks) for anchor, one in reports.items()]
+    films = [x for x in Section("", "", [*sections, *last]).walk() if isinstance(x, Film)]
     found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}
-    for part in parts:
-        for one in drawn_of(part.report.blocks):
-            find: Any = _picture if isinstance(one, Figure) else _replay
-            found[type(one)][one.name] = find(one.files, part.folders)
-    judged = [part.report for part in parts if part.report.passed is not None]
+    for one in drawn_of(sections):
+        find: Any = _picture if isinstance(one, Figure) else _replay
+        found[type(one)][one.name] = find(one.files, folders)
+    judged = [report for report in reports.values() if report.passed is not None]
+    assets = resources.files(PACKAGE) / "assets"
     style, script = (
-        Markup("".join(_asset(f"assets/{name}") for name in names))
+        Markup("".join((assets / name).read_text(encoding="utf-8") for name in names))
         for names in (("page.css", "replay.css"), ("replay.js", "page.js"))
     )
     page = _environment().get_template("page.html.j2")
@@ -68,12 +70,12 @@ def to_html(title: str, parts: Sequence[Part], last: Sequence[Section], page_fol
         script=script,
         icon_uri=_data_uri("image/svg+xml", _ICON.encode()),
         generator=f"afl_mujoco {version('afl_mujoco')}",
-        title=sections[0].title if len(parts) == 1 else title,
+        title=sections[0].title if len(reports) == 1 else title,
         worst=min(judged, key=lambda report: bool(report.passed), default=None),
-        parts=list(zip(parts, sections, strict=True)),
+        parts=list(zip(reports.values(), sections, strict=True)),
         last=last,
         pictures=found[Figure],
-        films=show_films([one for one in every if isinstance(one, Film)], page_folder),
+        films=show_films(films, page_folder),
         replays=found[Replay],
     )
     return text + "\n"
@@ -116,11 +118,6 @@ def _content_policy(style: str, script: str) -> str:
         f"default-src 'none'; img-src {beside}; media-src {beside}; "
         f"style-src {of_style}; script-src {of_script}; base-uri 'none'; form-action 'none'"
     )
-
-
-@cache
-def _asset(name: str) -> str:
-    return resources.files(PACKAGE).joinpath(name).read_text(encoding="utf-8")
 
 
 # --- pictures and films -------------------------------------------------------------------------
@@ -174,36 +171,20 @@ class Shown(NamedTuple):
     source: str  # its data URI, or its address relative to the page
     poster: str  # a still as a data URI; empty if there is none
 
-    @property
-    def embedded(self) -> bool:
-        """Whether it is inside the page."""
-        return self.source.startswith("data:")
-
-    @property
-    def megabytes(self) -> float:
-        """Size of the file [MB]."""
-        return self.size / 1e6
-
 
 def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> dict[Path, Shown]:
     """Return how a page includes each film, by its file; wide ones come first if room is short."""
     shown: dict[Path, Shown] = {}
     for film in sorted(films, key=lambda film: not film.wide):
-        try:
-            shown[film.file] = _show(film, page_folder, room)
-        except OSError as error:
-            raise FileError.cannot_be("read", film.file, error) from None
-        room -= len(shown[film.file].source) + len(shown[film.file].poster)
+        size = film.file.stat().st_size if film.file.is_file() else 0
+        poster = _poster(film.poster) if film.poster else ""
+        if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
+            source = _data_uri("video/mp4", _read(film.file))
+        else:
+            source = quote(os.path.relpath(film.file.resolve(), page_folder.resolve()))
+        shown[film.file] = Shown(size, source, poster)
+        room -= len(source) + len(poster)
     return shown
-
-
-def _show(film: Film, page_folder: Path, room: int) -> Shown:
-    size = film.file.stat().st_size if film.file.is_file() else 0
-    poster = _poster(film.poster) if film.poster else ""
-    if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
-        return Shown(size, _data_uri("video/mp4", film.file.read_bytes()), poster)
-    beside = Path(os.path.relpath(film.file.resolve(), page_folder.resolve()))
-    return Shown(size, quote(beside.as_posix()), poster)
 
 
 def _poster(path: Path) -> str:

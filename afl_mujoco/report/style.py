@@ -19,7 +19,6 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import LogFormatterSciNotation
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import atomic_file
 from afl_mujoco.report import blocks
 from afl_mujoco.report.numbers import SUPERSCRIPTS
@@ -159,19 +158,15 @@ def lay_out(figure: Figure) -> None:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write a figure as PNG or SVG, whole or not at all; the same figure gives the same bytes."""
     kind = path.suffix.removeprefix(".")
-    if kind not in ("png", "svg"):
-        raise InvalidValueError("suffix of a figure", "must be .png or .svg", repr(path.suffix))
     dated: dict[str, Any] = {"Date": None} if kind == "svg" else {}
     lay_out(figure)  # else it would be drawn once more to be laid out
     with styled(), atomic_file(path) as temporary:
         figure.savefig(temporary, dpi=PNG_DPI, format=kind, metadata=dated)
 
 
-def write_figure(figure: blocks.Figure, folder: Path) -> list[Path]:
-    """Draw a figure and write it as SVG and PNG into a folder that exists; return the files."""
+def write_figure(figure: blocks.Figure, folder: Path) -> None:
+    """Draw a figure and write it as SVG and PNG into a folder that exists."""
     with styled():
         drawing = figure.draw()
-    paths = [folder / name for name in figure.files.values()]
-    for path in paths:
-        save_figure(drawing, path)
-    return paths
+    for name in figure.files.values():
+        save_figure(drawing, folder / name)

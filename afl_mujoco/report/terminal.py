@@ -25,16 +25,14 @@ GAP = 3  # gap between two columns of a table [cells]
 STYLES = {"good": "green", "neutral": "yellow", "bad": "bold red", "open": "magenta"}
 
 
-def print_report(report: Report, *, headline: bool = True) -> None:
+def print_report(report: Report) -> None:
     """Print a report without figures and what is folded; its headline, the answer, stands last."""
     console = _console()
     _print(report.blocks, console)
-    if headline:
-        word = f"{report.word}: " if report.word else ""
-        style = {"good": "bold green", "bad": "bold red", "neutral": "bold yellow"}.get(
-            report.status, "bold"
-        )
-        console.print(_text(f"{word}{report.headline}", style), soft_wrap=True)
+    word = f"{report.word}: " if report.word else ""
+    styles = {"good": "bold green", "bad": "bold red", "neutral": "bold yellow"}
+    style = styles.get(report.status, "bold")
+    console.print(_text(f"{word}{report.headline}", style), soft_wrap=True)
 
 
 def print_blocks(found: Sequence[Block]) -> None:

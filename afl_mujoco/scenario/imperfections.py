@@ -13,7 +13,7 @@ from functools import cache
 from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.belief import ERROR, is_error
@@ -28,7 +28,6 @@ from afl_mujoco.values import (
     departures,
     require_not_negative,
     require_positive,
-    require_whole,
     short_repr,
     within,
 )
@@ -121,7 +120,7 @@ def require_share(thing: str, value: object) -> float:
 
 def require_seed(thing: str, value: object) -> int:
     """Return a seed, or raise."""
-    return require_whole(thing, value, 0, LARGEST_SEED, "2**63 - 1")
+    return require_count(thing, value, 0, LARGEST_SEED)
 
 
 _Numbers = Annotated[Any, by_name(require_not_negative)]  # one for all, or a table by name

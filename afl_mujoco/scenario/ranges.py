@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Annotated, Any
 
-from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant
+from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant, require_count
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.belief import is_error, require_error
@@ -21,7 +21,6 @@ from afl_mujoco.values import (
     checks,
     require_finite,
     require_positive,
-    require_whole,
     short_repr,
     table_of,
     within,
@@ -69,7 +68,7 @@ MOST_CHANGES = 100  # largest number of changes of a drawn schedule
 
 
 def _changes(thing: str, value: object) -> int:
-    return require_whole(thing, value, 0, MOST_CHANGES)
+    return require_count(thing, value, 0, MOST_CHANGES)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

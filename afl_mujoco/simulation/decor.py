@@ -95,7 +95,9 @@ def add_tracks(
 
     wide: Half the width that is seen [m]. Returns the numbers of marks [m], and where they go [m].
     """
-    step = _spacing(wide)
+    least = max(wide, 1e-6) / MARKS
+    decade = 10.0 ** math.floor(math.log10(least))  # a step is a round one
+    step = next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
     size, box = model.mj_model.stat.extent, mujoco.mjtGeom.mjGEOM_BOX
     numbers: list[tuple[float, Floats]] = []
     for track in tracks:
@@ -129,13 +131,6 @@ def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> flo
     return float((math.copysign(1.0, side) * beyond).max(initial=-math.inf)) if own else 0.0
 
 
-def _spacing(wide: float) -> float:
-    """Return a round distance of which at most `MARKS` fit into a width."""
-    least = max(wide, 1e-6) / MARKS
-    decade = 10.0 ** math.floor(math.log10(least))
-    return next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
-
-
 def add_forces(
     scene: mujoco.MjvScene, model: SimulatedModel, inputs: Floats, channels: Floats
 ) -> None:
@@ -144,10 +139,9 @@ def add_forces(
     inputs, channels: What is exerted by each input, and of each channel of disturbances [N, N m].
     """
     ways = _ways(model)
-    for way, force in zip(ways, inputs.tolist(), strict=False):
-        _add_arrow(scene, model, way, force, FORCE)
-    for way, force in zip(ways, channels.tolist(), strict=True):
-        _add_arrow(scene, model, way, force, PUSH)
+    for forces, colour in ((inputs, FORCE), (channels, PUSH)):
+        for way, force in zip(ways, forces.tolist(), strict=False):
+            _add_arrow(scene, model, way, force, colour)
 
 
 def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
@@ -157,7 +151,8 @@ def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
 
     def along(joint: int, gear: float) -> None:
         body, slides = m.jnt_bodyid[joint], m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-        found.append((body, _middle(model, body), gear * slides * d.xaxis[joint]))
+        first = d.geom_xpos[m.body_geomadr[body]] if m.body_geomnum[body] else d.xpos[body]
+        found.append((body, first.copy(), gear * slides * d.xaxis[joint]))
 
     for i in range(m.nu):
         one = int(m.actuator_trnid[i, 0])
@@ -170,12 +165,6 @@ def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
     for joint in range(m.njnt):
         along(joint, 1.0)
     return found
-
-
-def _middle(model: SimulatedModel, body: int) -> Floats:
-    """Return the middle of the first geom of a body, or where the body is [m]."""
-    m, d, first = model.mj_model, model.mj_data, int(model.mj_model.body_geomadr[body])
-    return np.array(d.geom_xpos[first] if m.body_geomnum[body] else d.xpos[body])
 
 
 def _add_arrow(

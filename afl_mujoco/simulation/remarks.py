@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -150,26 +150,17 @@ def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         yield f"{name} was {value:g} at {run.outcome.time:.3g} s; {rule}"
 
 
-def unit_remarks(scenario: Scenario, period: float | None) -> list[str]:
-    """Return remarks on values, as the control period [s], meant in another unit."""
+def unit_remarks(scenario: Scenario, period: float | None) -> Iterator[str]:
+    """Remark on values, as the control period [s], that seem meant in another unit."""
     waits = {"delay": scenario.imperfections.longest_delay, "control period": period or 0.0}
-    return [*_slow(scenario, waits), *_coarse(scenario)]
-
-
-def _slow(scenario: Scenario, waits: Mapping[str, float]) -> Iterator[str]:
-    """Remark on waiting while a good part of the run is over."""
-    for name, wait in waits.items():
+    for name, wait in waits.items():  # while a good part of the run is over
         if (share := wait / scenario.duration) >= LONG_WAIT and wait >= LONG:
             yield (
                 f"the {name}, {wait:g} s, is {100.0 * share:.0f} % of the run; it is given in "
                 "seconds, not in ms or Hz"
             )
-
-
-def _coarse(scenario: Scenario) -> Iterator[str]:
-    """Remark on sensors that cannot tell whether the plant is at rest."""
     others = {"m": "mm", "rad": "degrees"}
-    for field, also in (("encoder_step", "counts"), ("noise", "mrad")):
+    for field, also in (("encoder_step", "counts"), ("noise", "mrad")):  # of the plant at rest
         for name in scenario.plant.coordinates:
             unit = scenario.plant.units[name]
             value, band = scenario.imperfections.at(f"{field}.{name}"), scenario.band(name)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -229,7 +229,7 @@ def report(result: Result) -> Report:
                 name="attraction",
                 title=title,
                 caption="One run for each point; the cross is the scenario's own start.",
-                draw=partial(_draw, result),
+                draw=partial(_draw, result, maps, present),
             ),
             Matrix(
                 caption=f"How the runs end, in % of {result.starts} starts",
@@ -240,13 +240,12 @@ def report(result: Result) -> Report:
     )
 
 
-def _draw(result: Result) -> Any:
+def _draw(result: Result, maps: Mapping[str, NDArray[np.int_]], present: Sequence[int]) -> Any:
     from matplotlib.colors import to_rgba
     from matplotlib.patches import Patch
 
     from afl_mujoco.report.style import new_figure
 
-    maps = {name: result.kinds(name) for name in result.controllers}
     columns = min(len(maps), 3)
     rows = -(-len(maps) // columns)
     figure = new_figure(1.0 + 3.4 * columns, 0.9 + 3.0 * rows)
@@ -272,7 +271,6 @@ def _draw(result: Result) -> Any:
     for label, name in zip((figure.supxlabel, figure.supylabel), result.axes, strict=True):
         unit = result.scenario.plant.units[name]
         label(f"{symbol(name)} at the start [{unit}]", fontsize=9)
-    present = sorted({int(k) for kinds in maps.values() for k in np.unique(kinds)})
     handles = [Patch(facecolor=COLOURS[k], edgecolor="#707070", label=WORDS[k]) for k in present]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure

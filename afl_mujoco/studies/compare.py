@@ -208,13 +208,13 @@ class Result:
     def plot(self, scenario: str | None = None) -> Any:
         """Draw the runs of a scenario, the first by default; return the matplotlib figure."""
         known = {one.name: one for one in self.scenarios}
-        if scenario is not None and scenario not in known:
-            raise UnknownNameError.among("scenario", scenario, known)
-        shown = self.scenarios[0] if scenario is None else known[scenario]
+        name = self.scenarios[0].name if scenario is None else scenario
+        if name not in known:
+            raise UnknownNameError.among("scenario", name, known)
         from afl_mujoco.report.style import styled
 
         with styled():
-            return draw_responses(shown, self.curves_on(shown))
+            return draw_responses(known[name], self.curves_on(known[name]))
 
     def __repr__(self) -> str:
         """Summarise the outcome in one line."""

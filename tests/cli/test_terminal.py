@@ -3,12 +3,11 @@ from afl_mujoco.studies.check import Options
 
 
 def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys) -> None:
-    clock = iter((0.0, 10.0, 31.0, 31.0, 40.0, 70.0, 70.0, 120.0))
+    clock = iter((0.0, 0.0, 10.0, 31.0, 31.0, 40.0, 70.0, 70.0, 120.0))
     monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
     with terminal.count_bar(9, "filming") as progress:
-        for done in (1, 2, 3, 4):  # at 10 s, 31 s, 40 s and 70 s
+        for done in (1, 2, 3, 4, 9):  # at 10 s, 31 s, 40 s, 70 s and 120 s
             progress(done)
-        progress(9)
     assert capsys.readouterr() == ("", "filming: 2 of 9\nfilming: 4 of 9\n")
 
 

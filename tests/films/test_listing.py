@@ -48,13 +48,17 @@ BAD = {
     "no JSON": ("{", "does not list films"),
     "no list": (json.dumps({"schema": 1}), "films is missing"),
     "no title": (entry(title=None), "title must be text"),
-    "no size": (entry(width=0), "positive width"),
-    "a file elsewhere": (entry(file="../../etc/x.mp4"), "lie beside films.json"),
-    "a poster elsewhere": (entry(poster="/etc/x.png"), "lie beside films.json"),
-    "no film": (entry(file="a.exe"), "end in .mp4, got 'a.exe'"),
+    "no size": (entry(width=0), "width must be greater than 0, got 0"),
     "a scenario that is a number": (entry(scenario=3), "scenario"),
     "an input that is a number": (entry(inputs={"scenario rig": 3}), "inputs"),
 }
+
+
+@pytest.mark.parametrize("place", [{"file": "../../etc/x.mp4"}, {"poster": "/etc/x.png"}], ids=str)
+def test_a_film_or_a_poster_elsewhere_is_refused(place, tmp_path) -> None:
+    (tmp_path / LISTING).write_text(entry(**place))
+    with pytest.raises(FileError, match=line(..., "must lie in its folder, but leads out of", ...)):
+        load_listing(tmp_path)
 
 
 @pytest.mark.parametrize("case", BAD, ids=str)

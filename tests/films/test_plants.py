@@ -9,7 +9,7 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.picture import draw_plots
 from afl_mujoco.films.replay import record
-from afl_mujoco.films.scene import Stage, open_scene, pose
+from afl_mujoco.films.scene import Stage, pose
 from afl_mujoco.films.video import make_films, side_by_side
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.decor import LIMIT, STOP, add_forces, add_tracks, drawn_model
@@ -37,15 +37,21 @@ def still(plant: afl.Plant) -> PythonController:
     return PythonController(name="still", plant=plant, function=lambda t, x, p: nothing)
 
 
-def seen(scene, replay, path) -> np.ndarray:
+def segments(stage, renderer, replay, index, path):
+    stage.draw(renderer, replay, index, path)
+    renderer.enable_segmentation_rendering()
+    try:
+        return renderer.render()
+    finally:
+        renderer.disable_segmentation_rendering()
+
+
+def seen(stage, renderer, replay) -> np.ndarray:
     """Return first and last row and column of what moves in any frame, (4,)."""
     found = []
     for index in range(len(replay.time)):
-        scene.draw(replay, index, path)
-        scene.renderer.enable_segmentation_rendering()
-        picture = scene.renderer.render()
-        scene.renderer.disable_segmentation_rendering()
-        model = scene.stage.model.mj_model
+        picture = segments(stage, renderer, replay, index, stage.paths[0])
+        model = stage.model.mj_model
         geoms = picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM
         which = np.where(geoms, picture[..., 0], 0)
         moving = geoms & (model.body_weldid[model.geom_bodyid][which] > 0)
@@ -63,9 +69,9 @@ def test_everything_that_moves_stays_in_the_frame(graphics, name, falls):
     scenario, frame = replace(scenario_of(name), duration=2.0), Frame()
     controller = still(scenario.plant) if falls else afl.CONTROLLERS["lqr"]
     replay = record(scenario, controller, Deployed(), 4)
-    with open_scene([replay], 4, SIZE, frame) as scene:
-        (path,) = scene.stage.paths
-        top, left, bottom, right = seen(scene, replay, path)
+    stage = Stage.of([replay], 4, SIZE, frame)
+    with mujoco.Renderer(stage.model.mj_model, *SIZE[::-1]) as renderer:
+        top, left, bottom, right = seen(stage, renderer, replay)
     width, height = SIZE
     assert top >= frame.top * height - 2 and bottom <= (1.0 - frame.bottom) * height + 2
     assert left >= frame.side * width - 2 and right <= (1.0 - frame.side) * width + 2
@@ -126,9 +132,11 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path, camera):
     assert SMALL.count("<camera") == 0
     scenario = afl.Scenario(name="small", plant=plant, initial_state={"arm": 0.4}, duration=0.2)
     replay = record(scenario, still(plant), Deployed(), FPS)
-    with open_scene([replay], FPS, SIZE, Frame()) as scene:
-        (path,) = scene.stage.paths
-        assert (path.aims is None) == camera and np.ptp(scene.draw(replay, 0, path)[0]) > 50
+    stage = Stage.of([replay], FPS, SIZE, Frame())
+    (path,) = stage.paths
+    with mujoco.Renderer(stage.model.mj_model, *SIZE[::-1]) as renderer:
+        picture, _ = stage.draw(renderer, replay, 0, path)
+    assert (path.aims is None) == camera and np.ptp(picture) > 50
 
 
 SLIDER = """<mujoco><worldbody>{more}<body name="b">

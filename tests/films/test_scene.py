@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from afl_mujoco.films.camera import Frame
-from afl_mujoco.films.scene import open_scene
+from afl_mujoco.films.scene import Stage
+from tests.films.test_plants import segments
 
 pytestmark = pytest.mark.slow
 
@@ -37,22 +38,13 @@ def projected(path, index, state, half_length):
     return seen_at(path, index, z - reach * np.sin(phi), reach * np.cos(phi))
 
 
-def segments(scene, replay, index, path):
-    scene.draw(replay, index, path)
-    scene.renderer.enable_segmentation_rendering()
-    try:
-        return scene.renderer.render()
-    finally:
-        scene.renderer.disable_segmentation_rendering()
-
-
-def drawn(scene, kind):
-    whole = scene.renderer.scene
+def drawn(renderer, kind):
+    whole = renderer.scene
     return [geom for geom in whole.geoms[: whole.ngeom] if geom.type == kind]
 
 
-def seen_tip(scene, picture):
-    site = scene.stage.model.mj_model.site("tip").id
+def seen_tip(stage, picture):
+    site = stage.model.mj_model.site("tip").id
     kind = mujoco.mjtObj.mjOBJ_SITE
     rows, columns = np.nonzero((picture[..., 0] == site) & (picture[..., 1] == kind))
     assert len(rows), "nothing of it is seen"
@@ -60,24 +52,25 @@ def seen_tip(scene, picture):
 
 
 @pytest.fixture(scope="module")
-def stage(replay):
-    with open_scene([replay], 30, SIZE, Frame()) as scene:
-        yield scene, scene.stage.paths[0]
+def scene(replay):
+    stage = Stage.of([replay], 30, SIZE, Frame())
+    with mujoco.Renderer(stage.model.mj_model, *SIZE[::-1]) as renderer:
+        yield stage, renderer, stage.paths[0]
 
 
 @pytest.mark.parametrize("index", [0, BEFORE, AFTER, 12], ids=str)
-def test_the_tip_is_seen_where_the_mathematics_puts_it(graphics, stage, replay, index):
-    scene, path = stage
+def test_the_tip_is_seen_where_the_mathematics_puts_it(graphics, scene, replay, index):
+    stage, _, path = scene
     expected = projected(path, index, replay.state[index], replay.values[index, 2])
-    seen = seen_tip(scene, segments(scene, replay, index, path))
+    seen = seen_tip(stage, segments(*scene[:2], replay, index, path))
     assert np.abs(seen - expected).max() < NEAR
 
 
 @pytest.mark.parametrize("index", [BEFORE, AFTER], ids=str)
-def test_the_ghost_is_where_the_ideal_tip_is_when_they_part(graphics, stage, apart, index):
-    scene, path = stage
-    picture = segments(scene, apart, index, path)
-    capsules, unknown = drawn(scene, mujoco.mjtGeom.mjGEOM_CAPSULE), mujoco.mjtObj.mjOBJ_UNKNOWN
+def test_the_ghost_is_where_the_ideal_tip_is_when_they_part(graphics, scene, apart, index):
+    _, renderer, path = scene
+    picture = segments(*scene[:2], apart, index, path)
+    capsules, unknown = drawn(renderer, mujoco.mjtGeom.mjGEOM_CAPSULE), mujoco.mjtObj.mjOBJ_UNKNOWN
     (ghost,) = (geom for geom in capsules if geom.objtype == unknown)
     rows, columns = np.nonzero((picture[..., 0] == ghost.objid) & (picture[..., 1] == 0))
     expected = projected(path, index, apart.ideal[index], apart.values[index, 2])
@@ -86,48 +79,46 @@ def test_the_ghost_is_where_the_ideal_tip_is_when_they_part(graphics, stage, apa
     assert np.hypot(columns + 0.5 - other[0], rows + 0.5 - other[1]).min() > 10 * NEAR
 
 
-def test_a_ghost_that_agrees_is_a_rim(graphics, stage, replay):
-    scene, path = stage
+def test_a_ghost_that_agrees_is_a_rim(graphics, scene, replay):
+    stage, renderer, path = scene
     twin = replace(replay, ideal=replay.state)
-    picture, _ = scene.draw(twin, AFTER, path)
-    alone, _ = scene.draw(replace(replay, ideal=None), AFTER, path)
+    picture, _ = stage.draw(renderer, twin, AFTER, path)
+    alone, _ = stage.draw(renderer, replace(replay, ideal=None), AFTER, path)
     seen = np.abs(picture.astype(int) - alone).max(axis=2) > 30
-    picture, model = segments(scene, twin, AFTER, path), scene.stage.model.mj_model
+    picture, model = segments(*scene[:2], twin, AFTER, path), stage.model.mj_model
     parts = np.isin(picture[..., 0], [model.geom(name).id for name in ("cart", "pole")])
     plant = parts & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
     assert 0.1 * plant.sum() < (seen & ~plant).sum() < plant.sum()  # around it
     assert (seen & plant).sum() < 0.05 * plant.sum()  # not over it, but for its smoothed edge
 
 
-def test_numbers_of_the_rail_are_in_place_and_the_cart_grows(graphics, stage, replay):
-    scene, path = stage
-    _, marks = scene.draw(replay, AFTER, path)
+def test_numbers_of_the_rail_are_in_place_and_the_cart_grows(graphics, scene, replay):
+    stage, renderer, path = scene
+    _, marks = stage.draw(renderer, replay, AFTER, path)
     assert len(marks) > 3
     for place, spot in marks:
         assert spot[0] == pytest.approx(seen_at(path, AFTER, place, -0.2)[0], abs=0.01 * SIZE[0])
-    scene, path = stage
-    cart = scene.stage.model.mj_model.geom("cart").id
+    cart = stage.model.mj_model.geom("cart").id
     widths = []
     for index in (BEFORE, AFTER):
-        picture = segments(scene, replay, index, path)
+        picture = segments(*scene[:2], replay, index, path)
         mask = (picture[..., 0] == cart) & (picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM)
         widths.append(np.ptp(np.nonzero(mask)[1]))
     assert widths[1] / widths[0] == pytest.approx(1.25 / 0.875, rel=0.05)  # 0.5 to 2 kg
 
 
-def test_the_arrows_point_along_the_forces_and_drawing_leaves_no_trace(graphics, stage, replay):
-    scene, path = stage
+def test_the_arrows_point_along_the_forces_and_drawing_leaves_no_trace(graphics, scene, replay):
+    stage, renderer, path = scene
     pushed = 10
     assert replay.channels[pushed, 0] == -10.0
     for index, arrows in ((0, 1), (pushed, 2)):
-        scene.draw(replay, index, path)
-        found = drawn(scene, mujoco.mjtGeom.mjGEOM_ARROW)
+        stage.draw(renderer, replay, index, path)
+        found = drawn(renderer, mujoco.mjtGeom.mjGEOM_ARROW)
         assert len(found) == arrows
         along = [float(np.asarray(geom.mat).reshape(3, 3)[0, 2]) for geom in found]
         wanted = [replay.inputs[index, 0], replay.channels[index, 0]][:arrows]
         np.testing.assert_allclose(along, np.sign(wanted), atol=1e-6)
-    scene, path = stage
-    scene.draw(replay, AFTER, path)
-    again, _ = scene.draw(replay, BEFORE, path)
-    with open_scene([replay], 30, SIZE, Frame()) as fresh:
-        np.testing.assert_array_equal(fresh.draw(replay, BEFORE, path)[0], again)
+    stage.draw(renderer, replay, AFTER, path)
+    again, _ = stage.draw(renderer, replay, BEFORE, path)
+    fresh, _ = Stage.of([replay], 30, SIZE, Frame()).draw(renderer, replay, BEFORE, path)
+    np.testing.assert_array_equal(fresh, again)

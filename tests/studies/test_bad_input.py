@@ -37,7 +37,11 @@ FILES = {
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
     "NaN": ("bad.toml", "duration = nan", "bad.toml"),
-    "endless number": ("bad.toml", f"duration = {5000 * '1'}", "whole number of so many digits"),
+    "endless number": (
+        "bad.toml",
+        f"duration = {5000 * '1'}",
+        "is not valid TOML: Exceeds the limit",
+    ),
     "unknown name": ("step-stp", None, "did you mean step-step"),
     "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),
 }
@@ -57,11 +61,16 @@ def test_a_scenario_file_that_cannot_be_used(toy, refuses, tmp_path, name, case)
 
 
 @pytest.mark.parametrize("name", WITH_CONTROLLERS)
-def test_an_unknown_controller_with_what_was_meant(refuses, name: str) -> None:
+def test_an_unknown_controller_with_what_was_meant_and_one_that_comes_twice(
+    refuses, name: str
+) -> None:
     option = controllers_option(studies()[name])
     said = refuses(name, option, "adaptve", "--out", "out")
     assert "controller must be one of fixed, adaptive, " in said
     assert "got 'adaptve'; did you mean adaptive" in said
+    if option == "--controllers":
+        said = refuses(name, option, "lqr", "lqr", "--out", "out")
+        assert said.endswith("controller names must differ, got 'lqr' twice")
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -120,7 +129,6 @@ def test_a_result_of_another_schema_names_what_makes_it_anew(toy, refuses, tmp_p
 CASES = {
     "validate": [
         (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
-        (["--controllers", "fixed", "fixed"], "controller names must differ, got 'fixed' twice"),
         (["--controllers", "fixed-estimated"],
          "controller 'fixed-estimated' uses the estimator; only mode \"sampled\" "),
         (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
@@ -143,7 +151,6 @@ CASES = {
         (["cart-pole", "--box", "phi", "1", "0"], "box phi must be two finite numbers, the lower"),
     ],
     "thresholds": [
-        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--imperfections", "gravity"], "imperfection must be one of control_period, delay, "),
         (["--seeds", "0"], "seeds must be at least 1, got 0"),
         (["--scan", "1"], "scan must be at least 2, got 1"),
@@ -152,18 +159,16 @@ CASES = {
         (["slow.toml", "--timestep", "0.001"], "timestep 0.001 s must divide control_period"),
     ],
     "montecarlo": [
-        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--controllers", "nowhere:force"], "controller 'nowhere:force' must be in a module"),
         (["--samples", "0"], "samples must be at least 1, got 0"),
         (["--samples", 20 * "9"], f"samples must be at most 1000000, got {20 * '9'}"),
         (["--workers", "100000"], "workers must be at most 1024, got 100000"),
-        (["--seed", "-1"], "seed must lie in 0 to 2**63 - 1, got -1"),
+        (["--seed", "-1"], "seed must be at least 0, got -1"),
         (["--generations", "0"], "generations must be at least 1, got 0"),
         (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
         (["--out", "taken"], "taken/montecarlo/notes.txt was not written by this study"),
     ],
     "attraction": [
-        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--grid", "1"], "grid must be at least 2, got 1"),
         (["--grid", "10000000"], "grid must be at most 1001, got 10000000"),
         (["--max-rate", "1e308"], "max_rate must be at most 1e+06, got 1e+308"),
@@ -171,7 +176,6 @@ CASES = {
         (["--integrator", "RK5"], "integrator must be one of RK4, Euler"),
     ],
     "margins": [
-        (["--controllers", "lqr", "lqr"], "controller names must differ, got 'lqr' twice"),
         (["--levels", "1"], "levels must be at least 2, got 1"),
         (["--control-period", "0"], "control_period must be positive, got 0"),
         (["--control-period", "1e9"], "control_period must be at most 10 s, got 1e+09"),

@@ -50,6 +50,10 @@ def baselines(tmp_path):
     return tmp_path
 
 
+def updated(folder, fresh) -> list[str]:
+    return regression.update_baselines(folder, regression.load_baselines(folder), fresh)
+
+
 def shifted(column: int, by: float) -> regression.Recording:
     last = [*ROWS[1]]
     last[column] += by
@@ -95,18 +99,16 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
         made(python="3.12.1"),  # another host, the same numbers but for the last digits
         made("trapezoid-step", run=recording(objective=2.6)),
     )
-    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+    assert updated(baselines, fresh) == [
         f"new      {baselines}/trapezoid-step.fixed.json",
         f"removed  {baselines}/nominal.fixed.json",
     ]
     assert (baselines / "step-step.fixed.json").read_bytes() == untouched
     fresh |= by_name(made(run=recording(settling_2pc_z=None)))
-    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
+    assert updated(baselines, fresh) == [
         "moved    step-step / fixed / mujoco sampled: settling_2pc_z 6.112 -> none"
     ]
-    assert regression.update_baselines(baselines, regression.open_for_update(baselines), fresh) == [
-        "nothing moved"
-    ]
+    assert updated(baselines, fresh) == ["nothing moved"]
     assert regression.compare(regression.load_baselines(baselines), fresh).passed
 
 

@@ -153,7 +153,7 @@ def test_the_claims_and_the_budget_stand_with_their_numbers_and_are_drawn() -> N
     assert [row[4].text for row in rows] == [claim.verdict for claim in result.claims]
     assert [cell.text for cell in rows[2][2:4]] == ["38.03 %", "15.4 %"]
     assert (rows[1][2].text, rows[4][3].text) == ("–", "–")
-    (figure,) = figures_of(report(make_result()).blocks)
+    (figure,) = figures_of(report(result).blocks)
     (axis,) = figure.draw().axes
     labels = [label.get_text() for label in axis.get_yticklabels()]
     assert labels[2] == "C3: 38.0 % in the paper, 15.4 % here" and len(labels) == 12

@@ -12,10 +12,10 @@ from numba import carray  # type: ignore[attr-defined]
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel, pointer
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.plants.library import mj_forward, mj_reset_data, write_row
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.pool import require_threads
+from afl_mujoco.pool import MOST_WORKERS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
     ScenarioEnv,
@@ -183,9 +183,8 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         self.observation_space = batch_space(first.observation_space, num_envs)
         self.action_space = batch_space(first.action_space, num_envs)
         self.scale = first.scale
-        self._workers = min(
-            require_threads((os.cpu_count() or 1) if threads is None else threads), num_envs
-        )
+        asked = (os.cpu_count() or 1) if threads is None else threads
+        self._workers = min(require_count("threads", asked, 1, MOST_WORKERS), num_envs)
         self._pool = ThreadPoolExecutor(self._workers - 1) if self._workers > 1 else None
         physics: Physics = first.dm_environment.physics
         self._hold, self._timestep = physics.hold, physics.episode.timestep

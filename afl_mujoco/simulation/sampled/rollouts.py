@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.pool import Task, require_threads, share
+from afl_mujoco.pool import MOST_WORKERS, Task, share
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP, Deployed
@@ -43,7 +43,7 @@ def roll_out(
     caught: tuple[type[AflMujocoError], ...] = (),
 ) -> list[Rollout | AflMujocoError]:
     """Return runs, with `keep` their trajectories too, or the errors that are caught."""
-    require_threads(threads)
+    require_count("threads", threads, 1, MOST_WORKERS)
     found: list[Any] = [None] * len(scenarios)
 
     def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Rollout:

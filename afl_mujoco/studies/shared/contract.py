@@ -22,11 +22,13 @@ it has
 ``require_files(folder)``, ``write_files(result, folder)``
     Only for a study that writes more than figures: raises before the run; returns what it wrote.
 
-`STUDY` names the module. The list of commands imports no study, and a command only its own.
+`STUDY` names the module, and is read as text. The list of commands imports no study, and a command
+only its own.
 """
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import itertools
@@ -35,7 +37,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import tyro
 
@@ -105,11 +107,14 @@ def compute(
     doing: str,
     progress: Progress,
     workers: int,
+    names: Sequence[str] = (),
 ) -> list[Any]:
-    """Return what a function makes of each unit, shared among processes."""
+    """Return what a function makes of each unit, by its name if it has one, among processes."""
+    if not units:
+        return []
     progress(doing, 0, len(units))
-    with open_executor(min(workers, max(1, len(units)))) as executor:
-        return compute_all(function, units, executor, counted(progress, doing, len(units)))
+    with open_executor(min(workers, len(units))) as executor:
+        return compute_all(function, units, executor, counted(progress, doing, len(units), names))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,6 +127,7 @@ class Study:
     order: int  # among the studies, lowest first
     schema: int  # of its result file, raised whenever an older file can no longer be read
     stem: str = ""  # beginning of its file names; its name by default
+    summary: str = ""  # the first line of its module
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "stem", self.stem or self.name)
@@ -132,10 +138,9 @@ class Study:
         return f"afl-mujoco {self.name}"
 
     @property
-    def configuration(self) -> type:
+    def configuration(self) -> Any:
         """The dataclass of its options."""
-        found: type = self._part("Options")
-        return found
+        return self._part("Options")
 
     def prepare(self, options: Any) -> Any:
         """Return what the options ask for, or raise if a rule is broken."""
@@ -150,10 +155,9 @@ class Study:
         return option in inspect.signature(self._part("run")).parameters
 
     @property
-    def result_type(self) -> type:
+    def result_type(self) -> Any:
         """The dataclass of its result."""
-        found: type = self._part("Result")
-        return found
+        return self._part("Result")
 
     def report(self, result: Any) -> Report:
         """Return what is shown of a result."""
@@ -198,48 +202,29 @@ class Study:
 
 # --- which studies there are ---------------------------------------------------------------------
 
-_STUDY = re.compile(r"^STUDY = Study\((.*?)\)$", re.S | re.M)
-_GIVEN = re.compile(r"\b(name|order|stem)=\"?(\w+)")
+_STUDY = re.compile(r"^STUDY = (Study\(.*?\))$", re.S | re.M)
 
 
-class Listed(NamedTuple):
-    """A study before it is imported."""
-
-    order: int
-    name: str
-    module: str
-    summary: str  # its first line
-    stem: str  # beginning of its file names
-
-
-def listed() -> dict[str, Listed]:
+def studies() -> dict[str, Study]:
     """Return the studies by name, in the order of a report, without importing one."""
     return {one.name: one for one in _found(tuple(package.__path__))}
 
 
-def studies() -> dict[str, Study]:
-    """Return the studies by name, in the order of a report."""
-    return {name: find_study(name) for name in listed()}
-
-
 def find_study(name: str) -> Study:
     """Return a study by its name."""
-    known = listed()
-    if name not in known:
+    if name not in (known := studies()):
         raise UnknownNameError.among("study", name, known)
-    study: Study = importlib.import_module(known[name].module).STUDY
-    return study
+    return known[name]
 
 
 @cache
-def _found(folders: tuple[str, ...]) -> list[Listed]:
+def _found(folders: tuple[str, ...]) -> list[Study]:
     found = []
     for path in (path for folder in folders for path in Path(folder).glob("*.py")):
         text = path.read_text(encoding="utf-8")
         if named := _STUDY.search(text):
+            call: Any = ast.parse(named[1], mode="eval").body
+            given = {x.arg: ast.literal_eval(x.value) for x in call.keywords if x.arg != "module"}
             module, summary = f"{package.__name__}.{path.stem}", text.splitlines()[0].strip('"')
-            given: dict[str, str] = dict(_GIVEN.findall(named[1]))
-            name = given["name"]
-            stem = given.get("stem", name)
-            found.append(Listed(int(given["order"]), name, module, summary, stem))
-    return sorted(found)
+            found.append(Study(module=module, summary=summary, **given))
+    return sorted(found, key=lambda one: one.order)

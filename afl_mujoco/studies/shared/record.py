@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
@@ -25,12 +25,12 @@ from afl_mujoco.files import (
     require_no_folder,
     write_text,
 )
-from afl_mujoco.pool import compute_all, interrupts_put_off, is_interrupt, open_executor
+from afl_mujoco.pool import interrupts_put_off, is_interrupt
 from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
 from afl_mujoco.studies.shared.arrays import packed, unpacked
-from afl_mujoco.studies.shared.contract import Progress, Study, counted, find_study, listed, silent
+from afl_mujoco.studies.shared.contract import Progress, Study, compute, silent, studies
 
 PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
@@ -96,7 +96,7 @@ def save_record(
     path = folder / f"{study.stem}.json"
     failure: BaseException | None = None
 
-    def attempt(deed: Callable[[], None]) -> None:
+    def attempt(deed: Callable[[], object]) -> None:
         nonlocal failure
         try:
             if failure is None:
@@ -107,7 +107,8 @@ def save_record(
             failure = error
 
     with hidden_folder(folder, "results") as staging:
-        attempt(lambda: _draw(drawn_of(shown), staging, workers, progress))
+        write = partial(_write, folder=staging)
+        attempt(lambda: compute(write, drawn_of(shown), "drawing", progress, workers))
         if failure is not None:
             for drawn in staging.iterdir():
                 drawn.unlink()
@@ -144,14 +145,6 @@ def save_partial(record: Record, folder: Path, done: str) -> Path:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _draw(shown: Sequence[Figure | Replay], folder: Path, workers: int, progress: Progress) -> None:
-    if not shown:
-        return
-    advance = counted(progress, "drawing", len(shown))
-    with open_executor(min(workers, len(shown))) as executor:
-        compute_all(partial(_write, folder=folder), shown, executor, advance)
 
 
 def _write(shown: Figure | Replay, folder: Path) -> None:
@@ -218,11 +211,11 @@ def _texts(header: Mapping[str, Any], key: str) -> dict[str, str]:
 def load_records(folder: Path, *, leave_out: str = "", ahead: Path | None = None) -> list[Record]:
     """Return every record in a folder but one study's; those `ahead` come first."""
     found = []
-    for name, study in listed().items():  # only what is there is imported
+    for study in studies().values():  # only what is there is imported
         places = [place for place in (ahead, folder) if place is not None]
         there = [place for place in places if (place / f"{study.stem}.json").is_file()]
-        if there and name != leave_out:
-            found.append(load_record(find_study(name), there[0]))
+        if there and study.name != leave_out:
+            found.append(load_record(study, there[0]))
     return found
 
 

@@ -473,8 +473,7 @@ def require_samples(
     """Raise if anything would break runs on samples, before the first."""
     require_runs(controllers, [space.scenario], deployed)
     require_count("samples", samples, 1, MOST_SAMPLES)
-    if not 0 <= seed <= LARGEST_SEED:
-        raise InvalidValueError("seed", "must lie in 0 to 2**63 - 1", seed)
+    require_count("seed", seed, 0, LARGEST_SEED)
     scenario = space.scenario
     if not scenario.is_cart_pole:
         return

@@ -11,19 +11,14 @@ from afl_mujoco.control.catalogue import require_stateless
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import ticks_of
+from afl_mujoco.scenario.time_steps import DEFAULT, ticks_of
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import Metrics, metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held, simulate_ode_rk4
-from afl_mujoco.simulation.trajectory import (
-    Trajectory,
-    controller_inputs,
-    criterion_of,
-    has_ended,
-)
-from afl_mujoco.values import require_distinct
+from afl_mujoco.simulation.trajectory import Trajectory, criterion_of, has_ended
+from afl_mujoco.studies.shared.robustness import require_runs
 
 REPORTED = ("ode", "mujoco exact", "mujoco continuous", "mujoco sampled")
 """Simulators whose metrics the report gives; the others are references of checks."""
@@ -93,8 +88,7 @@ def require_runnable(
     scenarios: Sequence[Scenario], controllers: Sequence[Controller], settings: Settings
 ) -> None:
     """Raise if some scenarios cannot be run with some controllers in every simulator."""
-    require_distinct("scenario", [s.name for s in scenarios])
-    require_distinct("controller", [c.name for c in controllers])
+    require_runs(controllers, scenarios, DEFAULT)
     for controller in controllers:
         if controller.estimates:
             raise InvalidValueError(f"controller {controller.name!r}", controller.not_compiled)
@@ -103,7 +97,6 @@ def require_runnable(
         raise InvalidValueError("scenarios", "must be of one plant in a comparison", known)
     for scenario in scenarios:
         ticks_of(scenario.ideal, settings.timestep, settings.control_period)
-        ticks_of(scenario)
         start, place = (
             np.array(scenario.initial_state),
             f"scenario {scenario.name!r}: initial_state",
@@ -115,6 +108,5 @@ def require_runnable(
         for controller in controllers:
             require_stateless(controller, "this comparison")
             own = bound(controller, scenario)
-            controller_inputs(scenario, own, np.array([0.0, *scenario.breakpoints]))
             if not np.isfinite(own.start().command(0.0, start, own.assumed(told))).all():
                 raise InvalidValueError(place, f"must be one at which {own.name} has an input")

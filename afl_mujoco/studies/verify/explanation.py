@@ -163,25 +163,20 @@ def ledger(scenario: Scenario, controller: Controller) -> tuple[float, float]:
         arrived[_IMPULSE] += along_z(after.impulse)
         return arrived
 
+    def measured(time: float, state: Floats) -> tuple[float, float]:
+        model.write(scenario.values_at(time))
+        momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
+        return float(model.mj_data.energy.sum()), float(momentum[0])
+
     times = time_grid(scenario, SAMPLE_PERIOD)
     criterion, nodes = criterion_of(scenario), controller.nodes_within(scenario.spans)
     solver = scipy_solver(derivative, criterion)
     states, _ = integrate(scenario, solver, book, times, nodes=nodes, quadratures=6)
     accounts = [_WORK, _RAMP_ENERGY, _JUMP_ENERGY], [_IMPULSE, _RAMP_MOMENTUM, _JUMP_MOMENTUM]
     booked = np.stack([states[:, one].sum(axis=1) for one in accounts], axis=1)
-    measured = np.array(
-        [_measured(model, scenario, t, x) for t, x in zip(times.tolist(), states, strict=False)]
-    )
-    energy, momentum = np.abs(measured - measured[0] - booked).max(axis=0).tolist()
+    held = np.array([measured(t, x) for t, x in zip(times.tolist(), states, strict=False)])
+    energy, momentum = np.abs(held - held[0] - booked).max(axis=0).tolist()
     return energy, momentum
-
-
-def _measured(
-    model: SimulatedModel, scenario: Scenario, time: float, state: Floats
-) -> tuple[float, float]:
-    model.write(scenario.values_at(time))
-    momentum = momenta(model, state[:4])  # MuJoCo computes the energy there too
-    return float(model.mj_data.energy.sum()), float(momentum[0])
 
 
 def _ramp_power(

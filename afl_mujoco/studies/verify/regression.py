@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -12,18 +12,17 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import FileError
-from afl_mujoco.files import output_folder, read_json, write_json
+from afl_mujoco.files import read_json, remove_file, write_json
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
+from afl_mujoco.studies.shared.contract import Progress, compute, silent
 from afl_mujoco.studies.verify.cases import (
     Case,
     Settings,
     closed_loop_runs,
     reported_runs,
-    require_runnable,
 )
 
 REGRESSED = ("fixed", "adaptive")  # the controllers that have baselines
@@ -107,17 +106,14 @@ def record_all(
     controllers: Sequence[Controller],
     *,
     workers: int = 1,
-    progress: Callable[[str], None] = lambda done: None,
+    progress: Progress = silent,
 ) -> dict[str, Baseline]:
     """Record every scenario with every controller, by the name of its file."""
-    require_runnable(scenarios, controllers, SETTINGS)
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
     scales = nominal_scales(SETTINGS.timestep)
     names = [f"{scenario.name} / {controller.name}" for scenario, controller, _ in cases]
-    with open_executor(min(workers, len(cases))) as executor:
-        recorded = compute_all(record, cases, executor, lambda i: progress(names[i]))
     fresh = {}
-    for made in recorded:
+    for made in compute(record, cases, "validating", progress, workers, names):
         runs = {
             name: replace(run, metrics=with_objective(dict(run.metrics), scales))
             for name, run in made.runs.items()
@@ -165,11 +161,11 @@ def changes(old: Baseline, new: Baseline) -> list[Change]:
     found: list[Change] = []
     for simulator in dict.fromkeys((*old.runs, *new.runs)):
         name = f"{new.scenario} / {new.controller} / {simulator}"
-        if simulator not in old.runs or simulator not in new.runs:
-            there = [simulator in b.runs for b in (old, new)]
+        there = [simulator in one.runs for one in (old, new)]
+        if all(there):
+            found += _changes_of_run(name, old.runs[simulator], new.runs[simulator])
+        else:
             found.append(Change(name, "recorded", *there))
-            continue
-        found += _changes_of_run(name, old.runs[simulator], new.runs[simulator])
     return found
 
 
@@ -231,10 +227,8 @@ class Comparison:
         """Return the report, a line for each deviation, the verdict last."""
         moved = [change for found in self.changes.values() for change in found]
         said = [f"moved     {change}" for change in moved]
-        said += [f"missing   {folder / name}; {UPDATE} writes it" for name in self.missing]
-        said += [
-            f"orphaned  {folder / name} has no run; {UPDATE} removes it" for name in self.orphaned
-        ]
+        said += [f"missing   {folder / x}; {UPDATE} writes it" for x in self.missing]
+        said += [f"orphaned  {folder / x} has no run; {UPDATE} removes it" for x in self.orphaned]
         said += [f"note      {name} was {old}, is {new}" for name, old, new in self.versions]
         if self.passed:
             return [*said, f"PASS: {self.runs} runs match their baselines"]
@@ -268,24 +262,16 @@ def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) ->
 # --- the folder ---------------------------------------------------------------------------------
 
 
-def load_baseline(path: Path) -> Baseline:
-    """Read a baseline from its file."""
-    baseline = read_json(path, Baseline, WRONG)
-    if baseline.file_name != path.name:
-        raise FileError(str(path), f"{WRONG}: its file must be named {baseline.file_name}")
-    return baseline
-
-
 def load_baselines(folder: Path) -> dict[str, Baseline]:
     """Read every baseline of a folder, by the name of its file."""
     if not folder.is_dir():
         raise FileError(f"baseline folder {folder}", f"must exist; {UPDATE} makes it")
-    return {path.name: load_baseline(path) for path in sorted(folder.glob("*.json"))}
-
-
-def open_for_update(folder: Path) -> dict[str, Baseline]:
-    """Make the folder if it is missing, and read its baselines as `load_baselines` does."""
-    return load_baselines(output_folder(folder))
+    found = {}
+    for path in sorted(folder.glob("*.json")):
+        found[path.name] = read_json(path, Baseline, WRONG)
+        if (name := found[path.name].file_name) != path.name:
+            raise FileError(str(path), f"{WRONG}: its file must be named {name}")
+    return found
 
 
 def update_baselines(
@@ -296,10 +282,7 @@ def update_baselines(
     for name in (*comparison.missing, *comparison.changes):
         write_json(folder / name, fresh[name])
     for name in comparison.orphaned:
-        try:
-            (folder / name).unlink()
-        except OSError as error:
-            raise FileError.cannot_be("removed", folder / name, error) from None
+        remove_file(folder / name)
     said = [f"moved    {change}" for found in comparison.changes.values() for change in found]
     said += [f"new      {folder / name}" for name in comparison.missing]
     said += [f"removed  {folder / name}" for name in comparison.orphaned]

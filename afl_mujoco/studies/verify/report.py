@@ -243,14 +243,10 @@ def _omissions(result: Result) -> Section:
 
 
 def _growths(result: Result) -> Section:
+    grown = ("Scenario", "Controller", "Exact mode minus ODE", "Growth of a change at the start")
     table = Matrix(
         caption="Shown, not judged: an unstable plant amplifies round-off; B1r restarts",
-        columns=(
-            "Scenario",
-            "Controller",
-            "Exact mode minus ODE",
-            "Growth of a change at the start",
-        ),
+        columns=grown,
         rows=[
             (one.scenario, one.controller, _value(one.difference), _value(one.amplification))
             for one in result.growths
