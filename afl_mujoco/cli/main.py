@@ -78,7 +78,9 @@ def _run(arguments: Sequence[str] | None) -> int:
             if not isinstance(error, AflMujocoError | OSError):
                 raise
             if isinstance(error, OSError):  # as of a working folder that is gone
-                error = FileError.cannot_be("used", error.filename or "working directory", error)
+                gone = isinstance(error, FileNotFoundError)
+                thing = "working directory" if gone else "the operating system's resource"
+                error = FileError.cannot_be("used", error.filename or thing, error)
             print(f"{PROGRAM}: {error}", file=sys.stderr)
             return BAD_INPUT
 
