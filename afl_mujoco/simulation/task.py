@@ -90,7 +90,9 @@ class Reward:
 
         Or was, of which `peaks` tells of the last control period, shape (N, n).
         """
-        away = np.abs(self._layout.away(states)[:, : len(self._ends)])
+        away = np.abs(states[:, : len(self._ends)] - self._layout.target)
+        if (away > math.pi).any():  # the shorter way, where one comes round
+            away = np.abs(self._layout.away(states)[:, : len(self._ends)])
         return np.asarray((np.maximum(away, peaks) >= self._ends).any(axis=1))
 
 
