@@ -25,7 +25,7 @@ def main() -> int:
         print("afl-mujoco: interrupted", file=sys.stderr)
         code = 130
     if code == 130:  # what a library was making complains as it goes, half made
-        sys.unraisablehook = _forget
+        sys.unraisablehook = lambda lost: None
     return code
 
 
@@ -48,10 +48,6 @@ def _interrupt_again(lost: Any) -> None:
         return
     main_thread = threading.main_thread().ident
     threading.Timer(0.01, signal.pthread_kill, (main_thread, signal.SIGINT)).start()
-
-
-def _forget(lost: Any) -> None:
-    """Leave what Python drops alone."""
 
 
 if __name__ == "__main__":

@@ -84,6 +84,13 @@ def told_of(thing: str, did: str = "raised", *, given: Any = None) -> Iterator[N
         raise InvalidValueError(thing, rule) from error
 
 
+@contextmanager
+def importing(thing: str) -> Iterator[None]:
+    """Do the same around an import, after which the working folder is what it was."""
+    with told_of(thing, "cannot be imported:"), chdir(os.curdir):
+        yield
+
+
 def look_in(folder: str | Path) -> None:
     """Find modules in a folder too; last, so that no user file hides an installed module."""
     if str(folder) not in sys.path:
@@ -93,7 +100,7 @@ def look_in(folder: str | Path) -> None:
 def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line."""
     look_in(folder)
-    with told_of(thing, "cannot be imported:"), chdir(os.curdir):  # it may go elsewhere
+    with importing(thing):
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:

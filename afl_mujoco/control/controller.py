@@ -317,7 +317,7 @@ class Controller(Protocol):
         of state feedback. Raises if a gain breaks its rule.
         """
         rows = np.ascontiguousarray(self.assumed(values))
-        if rows.shape[1] != 4:
+        if rows.shape[1] != len(self.plant.parameters):
             rule = "is of the cart-pole; another plant takes lqr, or a controller of your own"
             raise InvalidValueError(f"controller {self.name!r}", rule)
         inputs: Floats = inputs_along(*self.compiled_for(_range_of(rows)), rows)

@@ -343,10 +343,8 @@ class EstimatorSettings:
         found["ln_variance"] = self.cart_mass_spread**2, self.half_length_spread**2
         found["ln_lowest"], found["ln_highest"] = np.log([masses, lengths]).T
         found["speed_variance"], found["rate_variance"] = self.speed_spread**2, self.rate_spread**2
-        found["excitation_memory"], found["force_sensed"] = (
-            self.excitation_memory,
-            self.force_sensed,
-        )
+        found["excitation_memory"] = self.excitation_memory
+        found["force_sensed"] = self.force_sensed
         found["pole_mass"], found["gravity"] = pole_mass, gravity
         return found, assumed
 

@@ -6,7 +6,6 @@ import hashlib
 import importlib.util
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import chdir
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -18,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.loading import import_from, look_in, told_of
+from afl_mujoco.loading import import_from, importing, look_in
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
@@ -402,11 +401,11 @@ class Plant:
         """The limits that the MJCF gives inputs, by ctrlrange and by forcerange, (inputs, 2)."""
         motors, found = _Mjcf(self.model).motors, np.tile([-np.inf, np.inf], (len(self.inputs), 1))
         for i, one in enumerate(motors.get(name, {}) for name in self.inputs):
-            gain = float(one.get("gainprm", "1").split()[0]) or 1.0
-            for kind, share in (("ctrl", 1.0), ("force", gain)):
-                given = one.get(f"{kind}range", "").split()
+            gain, *_ = *_numbers(one.get("gainprm", "")), 1.0
+            for kind, share in (("ctrl", 1.0), ("force", gain or 1.0)):
+                given = _numbers(one.get(f"{kind}range", ""))
                 if len(given) == 2 and one.get(f"{kind}limited", "auto") != "false":
-                    least, most = sorted(float(x) / share for x in given)
+                    least, most = sorted(x / share for x in given)
                     found[i] = max(found[i, 0], least), min(found[i, 1], most)
         return found
 
@@ -460,6 +459,14 @@ class _Mjcf:
             self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")
         for inner in (*element.findall("body"), *element.findall("frame")):
             self._visit(inner, inherited)
+
+
+def _numbers(text: str) -> list[float]:
+    """Return the numbers of an attribute; none if it cannot be read, as in `_Mjcf`."""
+    try:
+        return [float(x) for x in text.split()]
+    except ValueError:
+        return []
 
 
 def _names(thing: str, given: Any) -> tuple[str, ...]:
@@ -532,7 +539,7 @@ def _run_file(path: Path) -> tuple[ModuleType, str]:
     sys.modules[name] = module = importlib.util.module_from_spec(made)
     text = hashlib.sha256(path.read_bytes()).hexdigest()
     try:
-        with told_of(str(path), "cannot be imported:"), chdir(Path.cwd()):  # it may go elsewhere
+        with importing(str(path)):
             made.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]

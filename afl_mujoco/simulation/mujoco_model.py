@@ -356,6 +356,14 @@ class SimulatedModel:
             along[:, model.actuator_trnid[i, 0]] += gear * channels[:, i]
         return along, beside
 
+    def along(self, thing: str, channels: Floats) -> Floats:
+        """Return forces on `channels_of` along coordinates alone, or raise."""
+        found, beside = self.generalised(channels)
+        if beside.any():
+            rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
+            raise InvalidValueError(thing, rule)
+        return found
+
 
 class CartPoleModel(SimulatedModel):
     """A compiled MuJoCo cart-pole whose parameters can be changed while it runs.

@@ -89,10 +89,7 @@ def line_of(model: SimulatedModel, segment: Segment) -> Line:
     """Return the parameters of a segment as compiled code takes them."""
     values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
     acting = acting_rates(model.plant, rates)
-    push, beside = model.generalised(np.array([segment.push]))
-    if beside.any():
-        rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
-        raise InvalidValueError("disturbance", rule)
+    push = model.along("disturbance", np.array([segment.push]))
     length = segment.end - segment.start
     course, drift = np.empty((len(model.addresses.targets), 0)), np.empty((0, 0))
     thing = f"write of plant {model.plant.name!r}"
@@ -261,10 +258,7 @@ def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
 
     def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         state = state.copy()
-        impulse, beside = model.generalised(np.array([after.impulse]))
-        if beside.any():
-            rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
-            raise InvalidValueError("impulse on an input", rule)
+        impulse = model.along("impulse on an input", np.array([after.impulse]))
         if before is not None:
             ends = before.values_at(before.end), after.values_at(after.start)
             rates = [

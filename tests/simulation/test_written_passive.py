@@ -106,6 +106,20 @@ def test_a_limit_of_the_mjcf_s_actuator_is_that_of_the_input_everywhere(motor: s
     assert (row.failure, row.metrics["max_f"], row.metrics["max_command"]) == ("", 1.0, 10.0)
 
 
+def test_limits_that_cannot_be_read_are_told_by_the_compiler(tmp_path) -> None:
+    for strange in (' forcerange="a b"', ' ctrlrange="1"', ' forcerange="-1 1" ctrlrange="x y"'):
+        plant = cart(motor=strange)
+        assert plant.limits.shape == (1, 2)
+        with pytest.raises(afl.AflMujocoError, match="cannot be parsed"):
+            afl.simulate_mujoco(gliding(plant), idle)
+    weak = replace(
+        cart(),
+        model=cart(motor=' forcerange="-1 3" gainprm="-2"').model.replace("motor", "general"),
+    )
+    assert weak.limits.tolist() == [[-1.5, 0.5]]
+    assert afl.check(weak, samples=5).passed
+
+
 def test_a_limit_of_the_force_on_a_joint_is_refused_where_something_runs() -> None:
     limited = cart(joint=' actuatorfrcrange="-1 1"')
     with pytest.raises(InvalidValueError, match="<joint 'x' actuatorfrcrange> would limit inputs"):

@@ -153,10 +153,7 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
             drift, kicks = np.pad(drift, more), np.pad(kicks, more)
     held = held_disturbances(scenario, times)
     push, beside = model.generalised(held.push)
-    impulse, at_site = model.generalised(held.impulse)
-    if at_site.any():
-        rule = "must name a coordinate: this input acts at a site, or by a gear that is written"
-        raise InvalidValueError("impulse on an input", rule)
+    impulse = model.along("impulse on an input", held.impulse)
     return loop.Profile(
         rows=rows, which=which, push=push, beside=beside, impulse=impulse, split=held.split,
         joins=_joins(scenario, times), drift=drift, kicks=kicks,

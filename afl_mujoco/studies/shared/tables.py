@@ -156,8 +156,8 @@ def requirements_matrix(
         found = [[x for one in some if (x := one.get(name)) is not None]
                  for some in metrics.values()]  # fmt: skip
         if any(found):
-            middle = (short(median(x), 3) if x else MISSING for x in found)
-            rows.append([titled(name, Layout.of(scenario)), *middle])
+            medians = (short(median(x), 3) if x else MISSING for x in found)
+            rows.append([titled(name, Layout.of(scenario)), *medians])
     several = any(len(runs) > 1 for runs in draws.values())
     return Matrix(
         caption=f"{scenario.name}: value (margin)"
