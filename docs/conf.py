@@ -64,8 +64,9 @@ PLAIN = {
 
 
 def setup(app: Sphinx) -> None:
-    """Put replays into pages, and shorten the signatures of the API."""
+    """Put replays into pages, shorten the signatures of the API, and link sources back to it."""
     app.connect("source-read", _replay)
+    app.connect("html-page-context", _back)
     app.connect("autodoc-process-signature", _plainly)
 
 
@@ -75,6 +76,25 @@ def _plainly(*found: Any) -> tuple[str | None, str | None]:
     for long, short in PLAIN.items():
         texts = tuple(text and re.sub(long, short, text) for text in texts)
     return texts
+
+
+def _back(app: Sphinx, page: str, _: str, context: dict[str, Any], __: Any) -> None:
+    """Let a page of source link back to what is documented by the name of its own module.
+
+    Sphinx takes one module for all of a page's names, and half of ours stand in `afl_mujoco`.
+    """
+    known, own = app.env.domaindata["py"]["objects"], page.removeprefix("_modules/")
+
+    def link(found: re.Match[str]) -> str:
+        name = found[2]
+        if name not in known:
+            name = f"{own.replace('/', '.')}.{name.removeprefix('afl_mujoco.')}"
+        return f"{found[1]}#{name}" if name in known else found[0]
+
+    if own != page:
+        context["body"] = re.sub(
+            r'(class="viewcode-back" href="[^#"]*)#([^"]+)', link, context["body"]
+        )
 
 
 def _replay(app: Sphinx, page: str, source: list[str]) -> None:
