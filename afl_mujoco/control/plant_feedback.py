@@ -35,13 +35,10 @@ class Rest(NamedTuple):
     damping: Floats  # dh/dv, shape (n, n)
 
 
-def holding_input(mass_bias: Floats, inputs: Floats) -> Floats | None:
-    """Return the inputs that hold a plant at rest, ``B u = h``; None if none do."""
-    if not inputs.shape[1]:
-        return None
-    held = np.asarray(np.linalg.lstsq(inputs, mass_bias, rcond=None)[0], dtype=np.float64)
-    left = np.abs(inputs @ held - mass_bias).max()
-    return held if left <= HOLDS * max(1.0, float(np.abs(mass_bias).max())) else None
+def holding_input(bias: Floats, inputs: Floats) -> tuple[Floats, Floats]:
+    """Return the inputs that hold a plant at rest, ``B u = h``, and the forces they leave over."""
+    held = np.asarray(np.linalg.lstsq(inputs, bias, rcond=None)[0], dtype=np.float64)
+    return held, bias - inputs @ held
 
 
 def linear_model(rest: Rest) -> tuple[Floats, Floats]:
@@ -87,12 +84,13 @@ class LinearFeedback(Controller):
 
         rest = self.rest(values)
         thing = f"controller {self.name!r}"
-        held = holding_input(rest.bias, rest.inputs)
-        if held is None:
-            left = dict(zip(self.plant.coordinates, rest.bias.tolist(), strict=True))
-            name = max(left, key=lambda x: abs(left[x]))
-            rule = f"must be able to hold the plant at its target, but none holds {name} there"
-            raise InvalidValueError(thing, rule, f"a force of {-left[name]:.4g} on it")
+        held, left = holding_input(rest.bias, rest.inputs)
+        worst = int(np.abs(left).argmax())
+        if abs(left[worst]) > HOLDS * max(1.0, float(np.abs(rest.bias).max())):
+            name = self.plant.coordinates[worst]
+            rule = f"must be able to hold the plant at its target, but no input holds {name} there"
+            unit = "N" if self.plant.units[name] == "m" else "N m"
+            raise InvalidValueError(thing, rule, f"{left[worst]:.4g} {unit} that is left over")
         a, b = linear_model(rest)
         weights = np.array([x if x else max(float(np.abs(held).max()), 1.0) for x in self.most])
         states = np.diag([x**-2 for x in self.largest])

@@ -95,14 +95,14 @@ def rest_of(model: PlantModel, q: Floats, values: Floats) -> Rest:
     n, k = len(q), len(model.plant.inputs)
     still, none = np.zeros(n), np.zeros(k)
     mass, bias, inputs, _ = model.at(q, still, none)
-    held = holding_input(bias, inputs)
+    held, _ = holding_input(bias, inputs)
     stiffness, damping = np.empty((n, n)), np.empty((n, n))
     for i in range(n):
         step = STEP * np.eye(n)[i]
         sides = []
         for x in (q + step, q - step):
             _, h, b, _ = model.at(x, still, none)
-            sides.append(h - (b @ held if held is not None else 0.0))
+            sides.append(h - b @ held)
         stiffness[:, i] = (sides[0] - sides[1]) / (2.0 * STEP)
         forward, back = (model.at(q, x, none)[1] for x in (step, -step))
         damping[:, i] = (forward - back) / (2.0 * STEP)
