@@ -28,8 +28,8 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.linalg import solve_continuous_are
 
+from afl_mujoco.control import angle
 from afl_mujoco.control import cartpole_feedback as design
-from afl_mujoco.control import scheduled as angle
 from afl_mujoco.control.controller import LINEAR, compiled_force
 from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.control.law import afl_force

@@ -12,7 +12,7 @@ from itertools import groupby, takewhile
 from pathlib import Path
 from typing import Any
 
-from afl_mujoco.control.scheduled import ANGLES, slope_at
+from afl_mujoco.control.angle import ANGLES, slope_at
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.catalogue import LABORATORY, START
 from afl_mujoco.scenario.imperfections import (

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from afl_mujoco.control import scheduled as angle
+from afl_mujoco.control import angle
 from afl_mujoco.control.cartpole_feedback import DESIGNS, StateFeedback
 from afl_mujoco.control.controller import (
     AFL,
@@ -30,9 +30,8 @@ from afl_mujoco.control.gains import (
     beyond_table,
     shipped_data,
 )
-from afl_mujoco.control.names import ANGLE, ESTIMATED, HELD, INFORMED, PAPER
+from afl_mujoco.control.names import ANGLE, ESTIMATED, INFORMED, PAPER
 from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
-from afl_mujoco.control.scheduled import HeldController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import scenario_to_table
@@ -132,7 +131,6 @@ def _build() -> dict[str, Controller]:
         AFLController(name=f"{n}-nominal", gain_function=functions[n], belief=NOMINAL)
         for n in PAPER
     ]
-    catalogue.append(HeldController(name=HELD, fixed=Gains(**retuned["fixed"])))
     catalogue.append(PythonController(name=ANGLE, function=angle.force))
     catalogue += [
         StateFeedback(name=n, kind=kind, design=design) for n, (kind, design) in DESIGNS.items()

@@ -13,17 +13,13 @@ PAPER = ("fixed", "adaptive")  # the paper's two controllers, the default where 
 AFL = (*PAPER, *(f"{name}-retuned" for name in PAPER), *(f"{name}-nominal" for name in PAPER))
 """Feedback linearisation: the paper's gains; gains found here; nominal M and l assumed."""
 
-HELD = "adaptive-held"
-"""Feedback linearisation with gains found here, chosen when a run starts and kept: it remembers,
-so that only sampled mode supports it."""
-
 ANGLE = "adaptive-angle"  # feedback linearisation, its slope by the pole's angle; interpreted
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 """State feedback controllers to compare it with."""
 
-NAMES = (*AFL, HELD, ANGLE, *BASELINES)  # every controller of the catalogue, in its order
+NAMES = (*AFL, ANGLE, *BASELINES)  # every controller of the catalogue, in its order
 
-INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n not in (HELD, ANGLE))
+INFORMED = tuple(n for n in NAMES if not n.endswith("-nominal") and n != ANGLE)
 """Compiled controllers that know the true M(t) and l(t) at every instant, nothing of the past."""
 
 ESTIMATED = "-estimated"

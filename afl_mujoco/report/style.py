@@ -34,7 +34,6 @@ CONTROLLERS: Mapping[str, str] = {
     "adaptive-retuned": BLUE,
     "fixed-nominal": PURPLE,
     "adaptive-nominal": GREEN,
-    "adaptive-held": "#117733",
     "adaptive-angle": "#AA4499",
     "lqr": "#882255",
     "pole-placement": "#332288",

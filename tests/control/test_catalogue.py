@@ -72,7 +72,7 @@ def test_a_gain_function_needs_five_finite_coefficients_and_stays_positive():
 def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twin():
     estimable = "fixed, adaptive, fixed-retuned, adaptive-retuned, lqr, pole-placement, "
     named = (*afl.CONTROLLERS, f"({estimable}partial-linearization)-estimated, module:attribute")
-    said = f"{', '.join(named)}, got 'adaptiv'; did you mean adaptive or adaptive-held?"
+    said = f"{', '.join(named)}, got 'adaptiv'; did you mean adaptive or adaptive-angle?"
     with pytest.raises(UnknownNameError, match=line(f"controller must be one of {said}")):
         afl.find_controller("adaptiv")
     with pytest.raises(InvalidValueError, match=r"mean my_pid:Observer\?\), got my_pid.Observer"):

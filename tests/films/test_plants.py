@@ -194,7 +194,7 @@ def test_rails_are_seen_by_a_camera_that_looks_along_another_axis():
 
 
 @pytest.mark.parametrize(("name", "coordinate", "ghost"), [
-    ("adaptive-held", "", "ideal loop"), ("adaptive", "phi", ""), ("adaptive", "z", "ideal ODE"),
+    ("adaptive", "phi", ""), ("adaptive", "z", "ideal ODE"),
     ("adaptive-angle", "", "ideal ODE"),
 ])  # fmt: skip
 def test_what_the_equations_cannot_say_has_another_ghost(name, coordinate, ghost):

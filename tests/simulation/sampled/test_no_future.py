@@ -64,7 +64,7 @@ def differing(controller, mode, imperfections=IDEAL):
 @pytest.mark.parametrize("controller", [*NAMES, *ESTIMATING])
 def test_two_futures_give_the_same_past_to_the_last_bit(controller):
     """With each imperfection where plant and belief meet, with all of them everywhere."""
-    every = controller in ("adaptive", "adaptive-held", "lqr-estimated")
+    every = controller in ("adaptive", "lqr-estimated")
     asked = {name: x for name, x in IMPERFECT.items() if every or name in ("ideal", "all")}
     found = {name: differing(controller, "sampled", x)[0] for name, x in asked.items()}
     leaking = {name: times[0] for name, times in found.items() if len(times)}
