@@ -92,8 +92,6 @@ def margins(gain_increase: float | None = 16.6) -> margins_study.Result:
             known = {**dict.fromkeys(margins_study.METRICS, x), "delay": delay}
             rows.append(row(name, "held", mass, length, **known | {"gain_increase": gain_increase}))
         rows.append(row(name, "held", *plants[-1]))
-    rows.append(row("adaptive", "measured", 0.1, 0.05, delay=0.01206))
-    rows.append(row("adaptive", "measured", 0.1, 0.2, phase=None))
     return margins_study.Result(
         scenario="made-up",
         imperfections="none",

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.studies import margins
-from afl_mujoco.studies.margins import MEASURED, START, Request, decays, run
+from afl_mujoco.studies.margins import HELD, Request, run
+from afl_mujoco.studies.shared.loop_margins import linearize
 
 MODEL = """<mujoco><option integrator="RK4"/><worldbody><body>
 <joint name="arm" axis="0 1 0" damping="0.02"/>
@@ -35,37 +34,17 @@ SCENARIO = afl.Scenario(
 )
 
 
-class Remembering:
-    """PD about the holding torque, with a memory that changes nothing."""
-
-    def __init__(self) -> None:
-        self.calls = 0
-
-    def __call__(self, time, state, belief):
-        self.calls += 1
-        return HOLDING + 20.0 * (math.pi / 2.0 - state[0]) - 2.0 * state[1]
-
-
-@pytest.mark.slow
-def test_margins_hold_where_inputs_act_at_rest_and_what_remembers_is_stable(monkeypatch) -> None:
-    monkeypatch.setattr(margins, "DURATION", 6.0)  # it moves at some rad/s
-    own = PythonController(name="remembering", function=Remembering)
+def test_margins_hold_where_inputs_act_at_rest() -> None:
     lqr = afl.find_controller("lqr")
-    found = run(Request(SCENARIO, [lqr, own], {}, 0.005, None, [()]))
-    measured = {one.controller: one for one in found.rows if one.loop == MEASURED}
-    assert measured["remembering"].stable and measured["remembering"].delay > 0.01
-    (held,) = [x for x in found.rows if (x.controller, x.loop) == ("lqr", "held")]
-    assert measured["lqr"].stable
-    assert measured["lqr"].delay == pytest.approx(held.delay, rel=2e-3)
-
-
-@pytest.mark.parametrize(("rate", "floor", "decayed"), [
-    (-3.0, 1e-16, True), (-0.01, 1e-16, True), (0.01, 1e-16, False), (-3.0, 1e-6, False),
-])  # fmt: skip
-def test_what_has_decayed_to_round_off_decays_whatever_this_does(rate, floor, decayed) -> None:
-    time = np.linspace(0.0, 20.0, 2001)
-    away = np.maximum(START * np.exp(rate * time), floor * (1.0 + time))  # round-off that grows
-    assert decays(np.array([away, away]).T) is decayed
+    (held,) = run(Request(SCENARIO, [lqr], {}, 0.005)).of("lqr", HELD)
+    assert HOLDING == pytest.approx(linearize(bound(lqr, SCENARIO), SCENARIO).held[0])
+    for share, decays in ((0.97, True), (1.03, False)):
+        late = replace(SCENARIO.imperfections, delay=HARDWARE["delay"] + share * held.delay)
+        start = {"arm": math.pi / 2.0 + 1e-3}
+        moved = replace(SCENARIO, initial_state=start, duration=6.0, imperfections=late)
+        away = np.abs(afl.simulate_mujoco(moved, lqr).state[:, 0] - math.pi / 2.0)
+        first, last = (part.max() for part in np.array_split(away, 3)[:3:2])
+        assert bool(last < first) is decays
 
 
 def test_lqr_is_the_same_whatever_the_hardware() -> None:

@@ -71,10 +71,6 @@ LINEAR = (
 """Imperfections that a linear loop can have."""
 
 
-class NotSmoothError(InvalidValueError):
-    """Raised for a controller whose inputs have no slope at its target."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Loop:
     """x' = A x + B u, u = -K x of coordinates, rates and lagging inputs, away from the target."""
@@ -132,10 +128,10 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     kink = bend / max(float(np.abs(k).max()), 1e-300)
     if not max(gaps) <= AGREEMENT:
         rule = f"must not depend on the step by more than {AGREEMENT:g}"
-        raise NotSmoothError(thing, rule, f"{max(gaps):.1e}")
+        raise InvalidValueError(thing, rule, f"{max(gaps):.1e}")
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
-        raise NotSmoothError(thing, rule, f"{kink:.1e}")
+        raise InvalidValueError(thing, rule, f"{kink:.1e}")
     lags = np.array([r.of_input("lag", name) for name in plant.inputs])
     late = np.eye(len(lags))[lags > 0.0]  # the inputs that follow what is commanded with a lag [s]
     rates = np.diag(1.0 / lags[lags > 0.0])
