@@ -25,7 +25,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Interrupted, Study, studies
+from afl_mujoco.studies.shared.contract import Study, studies
 
 if TYPE_CHECKING:
     from afl_mujoco.films.listing import Entry
@@ -44,37 +44,25 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
-    for place in {films, folder}:
-        load_listing(place)
+    load_listing(films)
     load_records(folder, leave_out=leave_out)
 
 
-def write_page(folder: Path, films: Path, ahead: Path | None = None) -> Path:
-    """Write the page of a folder, completely or not at all; nothing is computed.
-
-    The folder `ahead` has a record and figures that are to replace those of the folder: the page is
-    written there.
-    """
+def write_page(folder: Path, films: Path) -> Path:
+    """Write the page of a folder, completely or not at all; nothing is computed."""
     from afl_mujoco.files import write_text
     from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.listing import sections as film_sections
     from afl_mujoco.report.page import to_html
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
-    records = load_records(folder, ahead=ahead)
+    records = load_records(folder)
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
-    there = [place for place in (ahead, folder) if place is not None]
     reports = {record.study.name: record.report for record in records}
-    apart = folder.resolve() != films.resolve()  # a study films into the folder of its result
-    places = [folder, films] if apart else [films]
-    entries = [one for place in places for one in load_listing(place)]
-    last = [
-        *(film_sections(folder, "Films beside this page", "own-films") if apart else []),
-        *film_sections(films),
-        _reproduce(records, list(_mixed(records, entries))),
-    ]
-    write_text((ahead or folder) / PAGE, to_html(TITLE, reports, there, last, folder))
+    warnings = list(_mixed(records, load_listing(films)))
+    last = [*film_sections(films), _reproduce(records, warnings)]
+    write_text(folder / PAGE, to_html(TITLE, reports, folder, last))
     return folder / PAGE
 
 
@@ -106,10 +94,9 @@ def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
 
     blocks: list[Block] = [*warnings]
     for record in records:
-        data = [f for f in record.files if not f.endswith(DRAWN)]
         made_by = ", ".join(f"{name} {number}" for name, number in record.versions.items())
-        files = ", ".join(map(code, (f"{record.study.stem}.json", *data)))
-        blocks.append(f"{code(record.command)} made {files}, with {made_by}.")
+        made = code(f"{record.study.stem}.json")
+        blocks.append(f"{code(record.command)} made {made}, with {made_by}.")
     blocks.append("The same inputs give the same bytes, with any number of workers.")
     return Section("Reproduce", "reproduce", blocks)
 
@@ -146,41 +133,25 @@ class StudyCommand:
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.pool import kept_processes
         from afl_mujoco.report.terminal import print_report
-        from afl_mujoco.studies.shared.record import PAGE, Record, save_partial, save_record
+        from afl_mujoco.studies.shared.record import PAGE, Record, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))
         if self.page:
             require_page(self.out, self.films, leave_out=study.name)
-        study.require_folder(self.out)
         folder = output_folder(self.out)
         inputs = inputs_of(request)
-        films: list[Path] = []
+        command = typed(study.name, configuration)
+        if (limit := getattr(self, "call_limit", None)) is not None:
+            command += f" --call-limit {limit:g}"
         with study_progress() as progress, kept_processes():
-            command = typed(study.name, configuration)
-            if (limit := getattr(self, "call_limit", None)) is not None:
-                command += f" --call-limit {limit:g}"
-            try:
-                result = study.run(request, progress=progress, **who)
-            except Interrupted as early:
-                record = Record(study=study, result=early.result, command=command, inputs=inputs)
-                say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
-                raise
+            result = study.run(request, progress=progress, **who)
             record = Record(study=study, result=result, command=command, inputs=inputs)
-
-            def film() -> None:
-                films.extend(study.make_films(result, folder, command))
-
-            def finish(staging: Path) -> None:
-                study.unlist_films(folder, films)
-                if self.page:
-                    films.append(write_page(folder, self.films, staging))
-
             files = save_record(
-                record, folder, figures=self.page, workers=who.get("workers", 1),
-                progress=progress, film=film, finish=finish,
-            )  # fmt: skip
-        files += films
+                record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
+            )
+        if self.page:
+            files.append(write_page(folder, self.films))
         say(f"wrote {_told(files)}")
         print_report(report := record.report)
         return CHECK_FAILED if report.passed is False else SUCCESS

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from pydantic import PositiveInt
 
-from afl_mujoco.files import inside, read_json, remove_file, write_json
+from afl_mujoco.files import inside, read_json, write_json
 from afl_mujoco.report.blocks import Block, Film, Section
 from afl_mujoco.report.numbers import sentence
 from afl_mujoco.scenario.time_steps import Deployed
@@ -66,19 +65,6 @@ def list_film(folder: Path, entry: Entry) -> None:
     write_json(folder / LISTING, Listing(films=films))
 
 
-def unlist_films(folder: Path, unwanted: Callable[[Entry], bool]) -> None:
-    """Remove films from the list of a folder, and from the folder those that were made here."""
-    entries = load_listing(folder, REMOVE)
-    gone = [entry for entry in entries if unwanted(entry)]
-    for entry in gone:
-        film = folder / entry.file
-        if film.is_file() and MARK.encode() in film.read_bytes():  # a list may name anyone's file
-            remove_file(film)
-            remove_file(film.with_suffix(".png"))
-    if gone:
-        write_json(folder / LISTING, Listing(films=tuple(e for e in entries if e not in gone)))
-
-
 LEDE = (
     "MuJoCo's plant as deployed, in real time. Its ghost is the loop without imperfections: the "
     "plant's own equations where it has some, else MuJoCo; there a controller in Python or with a "
@@ -86,7 +72,7 @@ LEDE = (
 )
 
 
-def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[Section]:
+def sections(folder: Path) -> list[Section]:
     """Return the films of a folder for a report, the wide ones first; nothing if there are none."""
     entries = sorted(load_listing(folder), key=lambda one: len(one.controllers) < 2)
     if not entries:
@@ -109,5 +95,5 @@ def sections(folder: Path, title: str = "Films", anchor: str = "films") -> list[
             if one.scenario == scenario
         ]
         folded = len(scenarios) > 1
-        blocks.append(Section(scenario, f"{anchor}-{number}", films, folded=folded))
-    return [Section(title, anchor, blocks)]
+        blocks.append(Section(scenario, f"films-{number}", films, folded=folded))
+    return [Section("Films", "films", blocks)]

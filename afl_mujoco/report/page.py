@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import io
 import json
 import os
 from collections.abc import Mapping, Sequence
@@ -18,20 +17,15 @@ from urllib.parse import quote
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markdown_it import MarkdownIt
 from markupsafe import Markup
-from PIL import Image, UnidentifiedImageError
 
 from afl_mujoco.errors import FileError, reading
 from afl_mujoco.files import inside
-from afl_mujoco.report import numbers
 from afl_mujoco.report.blocks import Figure, Film, Matrix, Replay, Report, Section, drawn_of
 
 PACKAGE = "afl_mujoco.report"
 
 LARGE = 400_000  # size above which a bitmap replaces a vector drawing, if it is smaller [bytes]
-SMALL, ROOM = 1_500_000, 17_000_000
-"""Largest size of a film that is put inside the page, and space there for films [bytes]."""
 
-POSTER_SIZE, POSTER_QUALITY = (960, 960), 75  # largest size of a poster [px], and its JPEG quality
 _ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><rect width="16" height="16" '
     'rx="3" fill="#0b5fb0"/><path d="M3 12h10M8 11 5 3" stroke="#fff" stroke-width="2"/></svg>'
@@ -40,23 +34,18 @@ _KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay:
 
 
 def to_html(
-    title: str,
-    reports: Mapping[str, Report],
-    folders: Sequence[Path],
-    last: Sequence[Section],
-    page_folder: Path,
+    title: str, reports: Mapping[str, Report], folder: Path, last: Sequence[Section]
 ) -> str:
     """Return a page of reports by anchor, the same bytes each time.
 
-    Of the folders of figures the first that has one counts. Large films are linked, as seen from
-    the page's folder.
+    Their figures are in the folder of the page, and become parts of it. Films are linked.
     """
     sections = [Section(one.title, anchor, one.blocks) for anchor, one in reports.items()]
     films = [x for x in Section("", "", [*sections, *last]).walk() if isinstance(x, Film)]
     found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}
     for one in drawn_of(sections):
         find: Any = _picture if isinstance(one, Figure) else _replay
-        found[type(one)][one.name] = find(one.files, folders)
+        found[type(one)][one.name] = find({k: inside(folder, x) for k, x in one.files.items()})
     judged = [report for report in reports.values() if report.passed is not None]
     assets = resources.files(PACKAGE) / "assets"
     style, script = (
@@ -75,7 +64,7 @@ def to_html(
         parts=list(zip(reports.values(), sections, strict=True)),
         last=last,
         pictures=found[Figure],
-        films=show_films(films, page_folder),
+        films={film.file: linked(film, folder) for film in films},
         replays=found[Replay],
     )
     return text + "\n"
@@ -98,8 +87,6 @@ def _environment() -> Environment:
     )
     markdown = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
     filters: dict[str, Any] = {
-        "short": numbers.short,
-        "fixed": numbers.fixed,
         "markdown": lambda text: Markup(markdown.render(text)),
         "kind": lambda block: _KINDS.get(type(block), "section"),
     }
@@ -131,26 +118,24 @@ class Picture(NamedTuple):
     height: int
 
 
-def _picture(files: Mapping[str, str], folders: Sequence[Path]) -> Picture | None:
+def _picture(paths: Mapping[str, Path]) -> Picture | None:
     """Return a figure as vectors unless these are large; None if its files are missing."""
-    for folder in folders:
-        paths = {kind: inside(folder, name) for kind, name in files.items()}
-        if all(path.is_file() for path in paths.values()):
-            svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
-            width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
-            vectors = len(svg) <= max(LARGE, len(png))
-            shown = _data_uri("image/svg+xml", svg) if vectors else _data_uri("image/png", png)
-            return Picture(shown, width, height)
-    return None
+    if not all(path.is_file() for path in paths.values()):
+        return None
+    svg, png = (_read(paths[kind]) for kind in ("svg", "png"))
+    width, height = (int.from_bytes(png[at : at + 4], "big") for at in (16, 20))
+    vectors = len(svg) <= max(LARGE, len(png))
+    shown = _data_uri("image/svg+xml", svg) if vectors else _data_uri("image/png", png)
+    return Picture(shown, width, height)
 
 
-def _replay(files: Mapping[str, str], folders: Sequence[Path]) -> Any:
+def _replay(paths: Mapping[str, Path]) -> Any:
     """Return what the script draws; None if its file is missing."""
-    for path in (inside(folder, files["json"]) for folder in folders):
-        if path.is_file():
-            with reading(path, "is not a replay"):
-                return json.loads(_read(path))
-    return None
+    path = paths["json"]
+    if not path.is_file():
+        return None
+    with reading(path, "is not a replay"):
+        return json.loads(_read(path))
 
 
 def _read(path: Path) -> bytes:
@@ -164,39 +149,12 @@ def _data_uri(kind: str, content: bytes) -> str:
     return f"data:{kind};base64,{base64.b64encode(content).decode()}"
 
 
-class Shown(NamedTuple):
-    """A film as a page includes it."""
+def linked(film: Film, folder: Path) -> tuple[str, str]:
+    """Return the addresses of a film and its still as seen from a folder; "" for what is gone."""
 
-    size: int  # of the file [bytes]; 0 if there is none
-    source: str  # its data URI, or its address relative to the page
-    poster: str  # a still as a data URI; empty if there is none
+    def address(path: Path | None) -> str:
+        if path is None or not path.is_file():
+            return ""
+        return quote(os.path.relpath(path.resolve(), folder.resolve()))
 
-
-def show_films(films: Sequence[Film], page_folder: Path, room: int = ROOM) -> dict[Path, Shown]:
-    """Return how a page includes each film, by its file; wide ones come first if room is short."""
-    shown: dict[Path, Shown] = {}
-    for film in sorted(films, key=lambda film: not film.wide):
-        size = film.file.stat().st_size if film.file.is_file() else 0
-        poster = _poster(film.poster) if film.poster else ""
-        if 0 < size <= SMALL and 4 * size // 3 + len(poster) <= room:
-            source = _data_uri("video/mp4", _read(film.file))
-        else:
-            source = quote(os.path.relpath(film.file.resolve(), page_folder.resolve()))
-        shown[film.file] = Shown(size, source, poster)
-        room -= len(source) + len(poster)
-    return shown
-
-
-def _poster(path: Path) -> str:
-    """Return a still as a small JPEG; nothing if there is no such file."""
-    if not path.is_file():
-        return ""
-    try:
-        with Image.open(path) as picture:
-            small = picture.convert("RGB")
-    except (UnidentifiedImageError, OSError) as error:
-        raise FileError(str(path), f"must be a picture: {error}: run afl-mujoco render") from None
-    small.thumbnail(POSTER_SIZE)
-    stream = io.BytesIO()
-    small.save(stream, "JPEG", quality=POSTER_QUALITY)
-    return _data_uri("image/jpeg", stream.getvalue())
+    return address(film.file), address(film.poster)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -44,9 +44,6 @@ from afl_mujoco.studies.shared.tables import (
     requirements_matrix,
 )
 
-if TYPE_CHECKING:
-    from afl_mujoco.films.video import Film
-
 MOST_DRAWS = 1000
 
 Figures = Mapping[str, float | None]
@@ -76,8 +73,6 @@ class Options:
     draws: int | None = None
     """Number of draws of noise, and of the start within an encoder's step; by default 10 where
     noise or encoders act, else 1."""
-    film: bool = False
-    """Film the first four controllers side by side, one MP4 for each scenario."""
 
 
 class Request(NamedTuple):
@@ -87,7 +82,6 @@ class Request(NamedTuple):
     controllers: Sequence[Controller]
     deployed: Deployed = Deployed()
     draws: int | None = None
-    film: tuple[str, ...] = ()  # the controllers as they were asked for, if they are to be filmed
 
     def require(self) -> Request:
         """Return it, or raise if anything would break the comparison, before it begins."""
@@ -101,24 +95,12 @@ def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     o = options
     scenarios = [find_scenario(name) for name in o.scenarios]  # before what is slow to import
-    if o.film:
-        from afl_mujoco.graphics import require_backend
-
-        require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
 
-    names = chosen(o.controllers, scenarios)
-    controllers = [find_controller(name) for name in names]
+    controllers = [find_controller(name) for name in chosen(o.controllers, scenarios)]
     deployed = Deployed(o.integrator, o.timestep, o.control_period)
-    film = names if o.film else ()
-    request = Request(scenarios, controllers, deployed, o.draws, film).require()
-    if film:
-        from afl_mujoco.films.video import side_by_side
-
-        for scenario in scenarios:  # raises if it does not last a frame
-            side_by_side(scenario, controllers)
-    return request
+    return Request(scenarios, controllers, deployed, o.draws).require()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -155,8 +137,6 @@ class Result:
         The first draw of each over time, by ``scenario/controller``; none if the controller failed.
     timestep, control_period, integrator
         How they were deployed; a period of None means that of the scenario, else one step.
-    film
-        The controllers as they were asked for, if they are to be filmed.
     """
 
     scenarios: tuple[Scenario, ...]
@@ -167,17 +147,6 @@ class Result:
     timestep: float | None
     control_period: float | None
     integrator: str
-    film: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        names = {scenario.name for scenario in self.scenarios}
-        if not self.rows or {run.scenario for run in self.rows} != names:
-            raise ValueError("rows must be runs of the scenarios")
-        if len(self.metrics) != len(self.rows):
-            raise ValueError("metrics must be those of the rows")
-        known = {f"{run.scenario}/{run.controller}" for run in self.rows}
-        if unknown := self.curves.keys() - known:
-            raise ValueError(f"curves must be those of the rows, got {min(unknown)!r}")
 
     @property
     def passed(self) -> bool:
@@ -312,7 +281,7 @@ def compare(
 
 def run(request: Request, *, progress: Progress = silent) -> Result:
     """Run every controller on every draw of every scenario."""
-    scenarios, controllers, deployed, draws, film = request
+    scenarios, controllers, deployed, draws = request
     rows: list[Run] = []
     figures: list[Figures] = []
     remarks: dict[str, tuple[str, ...]] = {}
@@ -335,7 +304,7 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         advance(controller.name)
     return Result(
         scenarios=tuple(scenarios), rows=tuple(rows), metrics=tuple(figures), remarks=remarks,
-        curves=curves, film=film, **asdict(deployed),
+        curves=curves, **asdict(deployed),
     )  # fmt: skip
 
 
@@ -452,21 +421,4 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
     return curves(panels, scenario.duration, shaded=pushes)
 
 
-def films(result: Result, command: str) -> list[Film]:
-    """Return a film of the controllers side by side for each scenario, if asked for."""
-    if not result.film:
-        return []
-    from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.video import side_by_side
-
-    controllers = [find_controller(name) for name in result.film]
-    deployment = Deployed(result.integrator, result.timestep, result.control_period)
-    films = []
-    for scenario in result.scenarios:
-        there = result.curves_on(scenario)  # the others failed
-        if shown := [controller for controller in controllers if controller.name in there]:
-            films.append(side_by_side(scenario, shown, deployment, command=command))
-    return films
-
-
-STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=3)
+STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=4)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen, subject_of
-from afl_mujoco.errors import FileError, InvalidValueError
-from afl_mujoco.files import hidden_folder
+from afl_mujoco.files import output_folder, remove_file
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import MISSING, fixed, percent, short
+from afl_mujoco.report.numbers import MISSING, fixed, percent
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.ranges import FIXED
@@ -26,7 +23,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
-    Interrupted,
     Progress,
     ScenarioName,
     Study,
@@ -37,7 +33,6 @@ from afl_mujoco.studies.shared.robustness import (
     NEAREST,
     Worst,
     changes_of,
-    gathered,
     require_samples,
     sample,
     search_worst,
@@ -46,9 +41,6 @@ from afl_mujoco.studies.shared.robustness import (
 from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.studies.shared.search import Budget
 from afl_mujoco.studies.shared.tables import how, middle
-
-if TYPE_CHECKING:
-    from afl_mujoco.films.video import Film
 
 LABORATORY = "laboratory"
 SAMPLES, GENERATIONS = 1000, 30  # number of samples, and of generations of each search
@@ -94,8 +86,6 @@ class Options:
     period."""
     integrator: str = "RK4"
     """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
-    film: bool = False
-    """Film the hardest sample found for each controller."""
 
 
 class Request(NamedTuple):
@@ -109,7 +99,6 @@ class Request(NamedTuple):
     seed: int = 1
     deployed: Deployed = Deployed()
     budget: Budget | None = None  # of the searches, if there are any
-    film: bool = False
 
     @property
     def scenarios(self) -> tuple[Scenario, ...]:
@@ -121,14 +110,6 @@ def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     o = options
     asked = find_scenario(o.scenario)
-    if o.film:
-        from afl_mujoco.graphics import require_backend
-
-        if not o.worst_case:
-            rule = "shows what the search found: do not give --no-worst-case"
-            raise InvalidValueError("film", rule)
-        require_backend()  # before MuJoCo
-
     from afl_mujoco.control.catalogue import find_controller
 
     names, default = chosen(o.controllers, [asked]), QUICK if o.quick else (SAMPLES, GENERATIONS)
@@ -140,14 +121,10 @@ def prepare(options: Options) -> Request:
     space, deployed = SampleSpace(with_ranges(asked)), Deployed(o.integrator, o.timestep)
     controllers = [find_controller(name) for name in names]
     require_samples(controllers, space, samples, o.seed, deployed)
-    if o.film:
-        from afl_mujoco.films.video import side_by_side
-
-        side_by_side(space.scenario, controllers[:1])  # raises if it is too short
     return Request(
         space=space, controllers=controllers, names=names, assumed=asked.ranges == FIXED,
         samples=samples, seed=o.seed, deployed=deployed,
-        budget=budget if o.worst_case else None, film=o.film,
+        budget=budget if o.worst_case else None,
     )  # fmt: skip
 
 
@@ -165,7 +142,6 @@ class Result:
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
     worst_cases: tuple[Worst, ...] = ()  # none if nothing was searched
     assumed: bool = False  # whether the scenario does not say what varies
-    film: bool = False  # whether the hardest samples are to be filmed
 
     @property
     def runs(self) -> dict[str, list[Run]]:
@@ -191,50 +167,30 @@ def rate(runs: Sequence[bool]) -> tuple[float, float, float]:
     return count / of, float(ends.low), float(ends.high)
 
 
-def p_value(first: Sequence[bool], second: Sequence[bool]) -> float:
-    """Return McNemar's exact test: how likely a split this uneven is if both are equally good."""
-    from scipy.stats import binomtest
-
-    only = [a for a, b in zip(first, second, strict=True) if a != b]
-    return float(binomtest(sum(only), len(only), 0.5).pvalue) if only else 1.0
-
-
 def run(
     request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
-    space, controllers, _, _, samples, seed, deployed, budget, _ = request
+    space, controllers, _, _, samples, seed, deployed, budget = request
     total, worst = samples * len(controllers), list[Worst]()
     with open_executor(workers, cluster) as executor:
         progress("sampling", 0, total)
-        kept: dict[int, list[Run]] = {}
-        try:
-            runs = sample(
-                controllers, space, samples, seed, deployed, executor,
-                lambda done, name: progress(f"sampling: {name}", done, total), kept,
-            )  # fmt: skip
-        except KeyboardInterrupt:
-            runs = gathered(controllers, kept)
-            count = min(map(len, runs.values()))
-            if not count:
-                raise
-            raise Interrupted(_result(request, runs, ()), f"{count} of {samples} samples") from None
-        try:
-            for one in controllers:
-                if budget is None:
-                    break
+        runs = sample(
+            controllers, space, samples, seed, deployed, executor,
+            lambda done, name: progress(f"sampling: {name}", done, total),
+        )  # fmt: skip
+        for one in controllers:
+            if budget is None:
+                break
 
-                def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
-                    progress(f"searching the worst case for {name}", done, most)
+            def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
+                progress(f"searching the worst case for {name}", done, most)
 
-                found = search_worst(
-                    one, space, runs[one.name], seed, budget, deployed, executor, advance
-                )
-                held = f"{FOLDER}/{one.name}"
-                worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
-        except KeyboardInterrupt:
-            done = f"{total} samples, {len(worst)} searches"
-            raise Interrupted(_result(request, runs, worst), done) from None
+            found = search_worst(
+                one, space, runs[one.name], seed, budget, deployed, executor, advance
+            )
+            held = f"{FOLDER}/{one.name}"
+            worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
     return _result(request, runs, worst)
 
 
@@ -253,7 +209,6 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
         },
         worst_cases=tuple(worst),
         assumed=request.assumed,
-        film=request.film,
     )  # fmt: skip
 
 
@@ -289,7 +244,6 @@ def report(result: Result) -> Report:
 
 def _rates(result: Result) -> Matrix:
     rows: list[list[Cell | str]] = []
-    passed: dict[str, list[bool]] = {}
     for name, some in result.runs.items():
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
@@ -301,14 +255,8 @@ def _rates(result: Result) -> Matrix:
             for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
         )
         rows.append([name, *shares, MISSING if margin is None else percent(margin), fails])
-        passed[name] = [not run.failure for run in some]
-    pairs = [
-        f"{a} and {b} p = {short(p_value(passed[a], passed[b]), 2)}"
-        for a, b in combinations(passed, 2)
-    ]
     return Matrix(
-        caption=f"Seed {result.seed}, with 95 % intervals"
-        + (f"; McNemar's exact test: {', '.join(pairs)}" if pairs else ""),
+        caption=f"Seed {result.seed}, with 95 % intervals",
         columns=["Controller", "Passes [%]", "Settles [%]", "Median margin", "How it fails"],
         rows=rows,
     ).filled
@@ -367,9 +315,7 @@ def _messages(result: Result) -> Iterator[str]:
         yield "```sh\n" + "\n".join(lines) + "\n```"
 
 
-# --- scenario files and films -------------------------------------------------------------------
-
-_OURS = re.compile(r"failure-\d{4,}\.toml|" + "|".join(map(re.escape, FILES.values())))
+# --- scenario files -----------------------------------------------------------------------------
 
 
 def file_of(controller: str, run: Run) -> str:
@@ -377,70 +323,30 @@ def file_of(controller: str, run: Run) -> str:
     return f"{FOLDER}/{controller}/failure-{run.draw:04d}.toml"
 
 
-def require_files(folder: Path) -> None:
-    """Raise if the folder of the scenario files holds anything that this study did not write."""
-    held = folder / FOLDER
-    if not held.exists():
-        return
-    if not held.is_dir() or held.is_symlink():
-        raise FileError(str(held), "must be a folder that this study wrote: it is replaced")
-    for path in sorted(held.rglob("*")):
-        level = len(path.relative_to(held).parts)
-        ours = path.is_dir() if level == 1 else level == 2 and _OURS.fullmatch(path.name)
-        if path.is_symlink() or not ours:
-            rule = "was not written by this study, which replaces its folder: move it away"
-            raise FileError(str(path), rule)
-
-
 def write_files(result: Result, folder: Path) -> list[Path]:
     """Write a scenario file of each failure and of each worst case, in place of older ones."""
-    require_files(folder)
     space, seed = result.space, result.seed
+    for pattern in ("failure-[0-9][0-9][0-9][0-9]*.toml", *FILES.values()):
+        for old in (folder / FOLDER).glob(f"*/{pattern}"):
+            remove_file(old)
     scenarios = {
         file_of(name, run): sample_scenario(space, run.draw, seed)
         for name in result.asked
         for run in result.failures(name)
     }
     scenarios |= {one.file: worst_scenario(space, one, seed) for one in result.worst_cases}
-    replays = {
-        name: Replay(controller=asked, integrator=result.integrator, timestep=result.timestep)
-        for name, asked in result.asked.items()
-    }
-    with hidden_folder(folder, FOLDER) as staging:
-        try:
-            for name in replays:
-                (staging / FOLDER / name).mkdir(parents=True)
-            for file, scenario in scenarios.items():
-                place, replay = (folder / file).parent, replays[Path(file).parent.name]
-                save_scenario(scenario, staging / file, replay=replay, moves_to=place)
-            if (folder / FOLDER).exists():
-                (folder / FOLDER).rename(staging / "before")
-            (staging / FOLDER).rename(folder / FOLDER)
-        except OSError as error:
-            raise FileError.cannot_be("written", folder / FOLDER, error) from None
-        finally:
-            before = staging / "before"
-            if not (folder / FOLDER).exists() and before.exists():  # a Ctrl-C in between
-                before.rename(folder / FOLDER)
-    return [folder / FOLDER]
-
-
-def films(result: Result, command: str) -> list[Film]:
-    """Return a film of the hardest sample of each controller, if films were asked for."""
-    if not result.film:
-        return []
-    from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.films.video import side_by_side
-
-    deployment, films = Deployed(timestep=result.timestep, integrator=result.integrator), []
-    for one in result.worst_cases:
-        if one.question == HARDEST and not one.run[0].message:
-            scenario = worst_scenario(result.space, one, result.seed)
-            shown = [find_controller(result.asked[one.controller])]
-            films.append(side_by_side(scenario, shown, deployment, command=command))
-    return films
+    for place in {(folder / file).parent for file in scenarios}:
+        output_folder(place)
+    for file, scenario in scenarios.items():
+        replay = Replay(
+            controller=result.asked[Path(file).parent.name],
+            integrator=result.integrator,
+            timestep=result.timestep,
+        )
+        save_scenario(scenario, folder / file, replay=replay)
+    return [folder / FOLDER] if scenarios else []
 
 
 STUDY = Study(
-    module=__name__, name="montecarlo", title="Monte Carlo and worst case", order=20, schema=8
+    module=__name__, name="montecarlo", title="Monte Carlo and worst case", order=20, schema=9
 )

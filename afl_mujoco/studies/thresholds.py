@@ -19,7 +19,6 @@ from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.shared.contract import (
-    Interrupted,
     Progress,
     ScenarioNames,
     Study,
@@ -32,7 +31,6 @@ from afl_mujoco.studies.shared.robustness import (
     KNOWN,
     Settings,
     SweepUnit,
-    Swept,
     all_settled,
     find_imperfection,
     known_of,
@@ -188,55 +186,32 @@ def run(
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request
     asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
-    found: dict[int, Swept] = {}
-    units: list[SweepUnit] = []
-    bare: list[tuple[Run, ...]] = []
-    try:
-        with open_executor(workers, cluster) as executor:
-            bare = compute_all(run_bare, asked, executor)
-            sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
-            units = [unit._replace(name=name) for name in names for unit in sound]
-            progress("sweeping", 0, len(units))
-            titles = [find_imperfection(name, request.plant).title for name in names]
-            told = [f"{unit.controller.name}, {title}" for title in titles for unit in sound]
-            advance = counted(progress, "sweeping", len(units), told)
-            compute_all(sweep, units, executor, advance, kept=found)
-    except KeyboardInterrupt:
-        missing = {unit.name for place, unit in enumerate(units) if place not in found}
-        whole = tuple(name for name in names if units and name not in missing)
-        if not whole:
-            raise
-        done = f"{len(found)} of {len(units)} sweeps; whole: {', '.join(whole)}"
-        early = _result(request._replace(names=whole), bare, units, found)
-        raise Interrupted(early, done) from None
-    return _result(request, bare, units, found)
-
-
-def _result(
-    request: Request,
-    bare: Sequence[tuple[Run, ...]],
-    units: Sequence[SweepUnit],
-    found: Mapping[int, Swept],
-) -> Result:
-    """Put together the sweeps of the imperfections that were not interrupted."""
+    with open_executor(workers, cluster) as executor:
+        bare = compute_all(run_bare, asked, executor)
+        sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
+        units = [unit._replace(name=name) for name in names for unit in sound]
+        progress("sweeping", 0, len(units))
+        titles = [find_imperfection(name, request.plant).title for name in names]
+        told = [f"{unit.controller.name}, {title}" for title in titles for unit in sound]
+        advance = counted(progress, "sweeping", len(units), told)
+        found = compute_all(sweep, units, executor, advance)
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
         rows.extend(runs)
         return tuple(range(len(rows) - len(runs), len(rows)))
 
-    first = {one.name: kept(runs) for one, runs in zip(request.controllers, bare, strict=True)}
+    first = {one.name: kept(runs) for one, runs in zip(controllers, bare, strict=True)}
     sweeps = []
-    for place, unit in enumerate(units):
-        if unit.name in request.names:
-            one = found[place]._asdict()
-            one |= {key: kept(one[key]) for key in ("reference", "failure")}
-            sweeps.append(Sweep(imperfection=unit.name, controller=unit.controller.name, **one))
-    swept = [find_imperfection(name, request.plant) for name in request.names]
+    for unit, swept in zip(units, found, strict=True):
+        one = swept._asdict()
+        one |= {key: kept(one[key]) for key in ("reference", "failure")}
+        sweeps.append(Sweep(imperfection=unit.name, controller=unit.controller.name, **one))
+    imperfections = [find_imperfection(name, request.plant) for name in names]
     return Result(
-        settings=request.settings,
-        scenarios=request.scenarios,
-        imperfections=tuple(referred(one, request.scenarios) for one in swept),
+        settings=settings,
+        scenarios=scenarios,
+        imperfections=tuple(referred(one, scenarios) for one in imperfections),
         rows=tuple(rows),
         bare=first,
         sweeps=tuple(sweeps),

@@ -49,7 +49,7 @@ BAD_ARGUMENTS = {
     "margins --level 1": "of margins; did you mean --levels?",
     "--fast": "--fast is not an option of afl-mujoco",
     "simulate nominal step-step": "argument 'step-step' is one too many",
-    "compare nominal --film=1": "--film must have no value, got 1",
+    "thresholds nominal --quick=1": "--quick must have no value, got 1",
     "validat": "got 'validat'; did you mean validate?",
     "": "command must be one of compare, check, validate, thresholds, montecarlo, attraction, ",
     "report nowhere": "nowhere must hold a result: run afl-mujoco validate",

@@ -64,8 +64,8 @@ def made(folder) -> str:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("renders")
-    (folder / "a.mp4").write_bytes(bytes(1_234_567))
-    (folder / "large.mp4").write_bytes(bytes(2_000_000))
+    for name in ("a.mp4", "large.mp4"):
+        (folder / name).write_bytes(bytes(1_000))
     names = ("a.mp4", "large.mp4", "gone.mp4")
     write_listing(folder, *(film_entry(name, title=f"{name} {NASTY}") for name in names))
     return study_results.write_records(folder)
@@ -172,7 +172,7 @@ def test_the_policy_admits_the_pages_own_code_and_nothing_comes_from_elsewhere(o
     for _, attributes in outline.elements:
         for key in ("src", "href", "poster", "data", "action"):
             target = attributes.get(key) or ""
-            assert target.startswith(("#", "data:")) or target in ("large.mp4", "")
+            assert target.startswith(("#", "data:")) or target in ("a.mp4", "large.mp4", "")
 
 
 def test_every_inner_link_has_a_target_and_no_id_stands_twice(outline: Outline) -> None:
@@ -199,10 +199,9 @@ def test_the_page_is_built_for_every_reader(outline: Outline) -> None:
             assert labels & set(attributes), (tag, attributes)
 
 
-def test_a_film_is_played_linked_or_said_to_be_missing(outline: Outline) -> None:
-    sources = [(video["src"] or "")[:10] for video in outline.named("video")]
-    assert sources == ["data:video", "large.mp4"] and "Inside this page, 1.2 MB." in outline.text
-    assert "Linked: large.mp4, 2.0 MB, which must stay where it is beside" in outline.text
+def test_a_film_is_linked_or_said_to_be_missing(outline: Outline) -> None:
+    assert [video["src"] for video in outline.named("video")] == ["a.mp4", "large.mp4"]
+    assert "Linked: large.mp4, which must stay where it is beside" in outline.text
     assert "gone.mp4 is not there: afl-mujoco render gone.mp4 makes it." in outline.text
 
 
@@ -247,9 +246,6 @@ def test_no_link_puts_a_file_from_outside_into_the_page(command_line, tmp_path, 
     write_listing(folder, replace(film_entry("a.mp4"), file=inside, poster="a.png"))
     (folder / link).unlink(missing_ok=True)
     (folder / link).symlink_to(secret if link == "sub" else secret / "secret")
-    data = json.loads((folder / "margins.json").read_text())
-    data["files"].pop(link, None)
-    (folder / "margins.json").write_text(json.dumps(data))
     code, output, errors = command_line("report", "out", "--films", "out")
     assert (code, output) == (2, "")
     named = inside if link == "sub" else link

@@ -3,12 +3,10 @@
 import json
 from dataclasses import asdict
 
-import numpy as np
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING, list_film, load_listing, sections, unlist_films
-from afl_mujoco.films.video import write_video
+from afl_mujoco.films.listing import LISTING, list_film, load_listing, sections
 from afl_mujoco.report.blocks import Film
 from afl_mujoco.scenario.time_steps import Deployed
 from tests.messages import line
@@ -68,16 +66,3 @@ def test_a_list_that_is_not_understood_is_refused_in_one_line(case: str, tmp_pat
     said = line(f"{tmp_path / 'films.json'}", ..., message, ..., "run afl-mujoco render")
     with pytest.raises(FileError, match=said):
         load_listing(tmp_path)
-
-
-def test_only_films_that_were_made_here_are_removed_with_their_entries(tmp_path) -> None:
-    frames = [np.zeros((48, 64, 3), np.uint8)] * 3
-    write_video(frames, tmp_path / "a.mp4", (64, 48), 10, "a film")
-    (tmp_path / "a.png").write_text("its poster")
-    (tmp_path / "holiday.mp4").write_bytes(b"mine")
-    (tmp_path / "holiday.png").write_text("mine")
-    made = (film_entry(f"{name}.mp4", poster=f"{name}.png") for name in ("a", "holiday"))
-    write_listing(tmp_path, *made)
-    unlist_films(tmp_path, lambda one: True)
-    assert load_listing(tmp_path) == ()
-    assert {path.name for path in tmp_path.iterdir()} == {LISTING, "holiday.mp4", "holiday.png"}

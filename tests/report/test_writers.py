@@ -6,16 +6,14 @@ import re
 
 import pytest
 from matplotlib.text import Text
-from PIL import Image
 
 from afl_mujoco.control.names import NAMES
-from afl_mujoco.errors import FileError
 from afl_mujoco.report import blocks
 from afl_mujoco.report import terminal as terminal_module
 from afl_mujoco.report.blocks import Film
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.numbers import limit, scientific, short
-from afl_mujoco.report.page import SMALL, show_films, to_html
+from afl_mujoco.report.page import linked, to_html
 from afl_mujoco.report.style import (
     CONTROLLERS,
     colours,
@@ -65,7 +63,7 @@ REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=F
 def html(folder, *others: blocks.Report) -> str:
     reports = {f"study{k or ''}": one for k, one in enumerate((REPORT, *others))}
     last = blocks.Section("Reproduce", "reproduce", ("the command",))
-    return to_html("Reports", reports, [folder], [last], folder)
+    return to_html("Reports", reports, folder, [last])
 
 
 WRITERS = {
@@ -230,38 +228,16 @@ def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path, place: str
     assert "10⁻³" in [text.get_text() for text in axis.get_yticklabels()]
 
 
-@pytest.fixture
-def folders(tmp_path):
+def test_a_film_is_linked_as_seen_from_the_page(tmp_path) -> None:
     page = tmp_path / "renders" / "validation"
     page.mkdir(parents=True)
-    return page.parent, page
-
-
-def film(path, *, wide: bool = False, poster=None) -> Film:
-    return Film(
-        title="a film", caption="It moves.", file=path, poster=poster, width=64, height=48,
-        command="afl-mujoco render", wide=wide,
+    film = Film(
+        title="a film", caption="It moves.", file=page.parent / "one & another.mp4",
+        poster=page / "no.png", width=64, height=48, command="afl-mujoco render",
     )  # fmt: skip
-
-
-def test_small_films_are_inside_the_page_large_ones_linked_posters_small(folders) -> None:
-    films, page = folders
-    small, large = films / "small one.mp4", films / "large & one.mp4"
-    small.write_bytes(b"film")
-    large.write_bytes(bytes(SMALL + 1))
-    shown = show_films([film(small), film(large)], page)
-    assert shown[small].source == "data:video/mp4;base64,ZmlsbQ=="
-    assert shown[large].source == "../large%20%26%20one.mp4"
-    assert shown[large].size == SMALL + 1
-    still = films / "still.png"
-    Image.effect_noise((1280, 720), 60.0).convert("RGB").save(still)
-    one, bare = films / "a.mp4", films / "b.mp4"
-    shown = show_films([film(one, poster=still), film(bare, poster=films / "no.png")], page)
-    assert shown[one].poster.startswith("data:image/jpeg;base64,")
-    assert len(shown[one].poster) < still.stat().st_size and shown[bare].poster == ""
-    still.write_text("text")
-    with pytest.raises(FileError, match=r"still\.png must be a picture"):
-        show_films([film(one, poster=still)], page)
+    assert linked(film, page) == ("", "")
+    film.file.write_bytes(b"film")
+    assert linked(film, page) == ("../one%20%26%20another.mp4", "")
 
 
 def test_on_a_terminal_that_is_too_narrow_nothing_of_a_table_is_cut(monkeypatch, capsys) -> None:

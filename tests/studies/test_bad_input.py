@@ -166,7 +166,6 @@ CASES = {
         (["--seed", "-1"], "seed must be at least 0, got -1"),
         (["--generations", "0"], "generations must be at least 1, got 0"),
         (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
-        (["--out", "taken"], "taken/montecarlo/notes.txt was not written by this study"),
     ],
     "attraction": [
         (["--grid", "1"], "grid must be at least 2, got 1"),
@@ -210,8 +209,7 @@ CASES = {
     ids=lambda x: " ".join(x) if isinstance(x, list) else "",
 )
 def test_an_option_that_breaks_its_rule(refuses, tmp_path, name, arguments, message) -> None:
-    (tmp_path / "taken" / "montecarlo").mkdir(parents=True)
-    (tmp_path / "taken" / "montecarlo" / "notes.txt").write_text("mine")
+    (tmp_path / "taken").mkdir()
     (tmp_path / "real.toml").write_text('name = "real"\n[imperfections]\ndelay = 0.01\n')
     (tmp_path / "slow.toml").write_text("[imperfections]\ncontrol_period = 0.0015\n")
     for stem, start in {"flat": "1.57 }", "down": "3.1 }\n[requirements]\nends_at = {}"}.items():

@@ -6,7 +6,6 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.compare import Result, compare, report
@@ -168,24 +167,6 @@ def test_the_library_takes_functions_classes_and_names(rig) -> None:
     assert {row["controller"] for row in missed} == {"idle"} and len(found.plot("rig").axes) == 3
     with pytest.raises(afl.AflMujocoError, match="scenario must be one of rig, got 'rug'"):
         found.plot("rug")
-
-
-@pytest.mark.slow
-def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(rig, command_line, graphics):
-    (rig / "rig.toml").write_text(RIG.replace("duration = 6.0", "duration = 0.4").split("[req")[0])
-    controllers = ("lqr", "adaptive", "compared:Counting")
-    code, _, errors = command_line(
-        "compare", "rig.toml", "--controllers", *controllers, "--film", "--out", "out"
-    )
-    assert (code, errors) == (0, "")
-    (film,) = load_listing(rig / "out")
-    assert (rig / "out" / film.file).stat().st_size > 1000
-    assert film.controllers == ("lqr", "adaptive", "compared.Counting")
-    assert film.deployment.control_period == 0.01  # the scenario's, not a step
-    asked = " ".join(controllers)
-    assert film.command == f"afl-mujoco compare rig.toml --controllers {asked} --film"
-    page = (rig / "out" / "report.html").read_text()
-    assert "rig, lqr beside adaptive beside compared.Counting" in page
 
 
 def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.cli.main import main
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
@@ -236,26 +235,3 @@ def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_li
     assert written == {
         "thresholds.svg", "thresholds.png", "thresholds.json", "thresholds.md", "report.html",
     }  # fmt: skip
-
-
-def test_a_ctrl_c_writes_the_imperfections_that_are_whole_by_themselves(monkeypatch, tmp_path):
-    """And ends with 130; the second imperfection is interrupted between its two controllers."""
-    done = []
-
-    def counting(unit):
-        done.append(unit.name)
-        if len(done) == 4:
-            raise KeyboardInterrupt
-        return robustness.sweep(unit)
-
-    monkeypatch.setattr("afl_mujoco.studies.thresholds.sweep", counting)
-    (tmp_path / "calm.toml").write_text("duration = 1.0\ninitial_state = [0, 0.05, 0, 0]\n")
-    monkeypatch.chdir(tmp_path)
-    arguments = ["thresholds", "calm.toml", "--controllers", "lqr", "pole-placement", "--workers"]
-    arguments += ["1", "--imperfections", "delay", "noise", "--scan", "2", "--tolerance", "1"]
-    assert main([*arguments, "--seeds", "1", "--no-page", "--out", "out"]) == 130
-    assert [path.name for path in Path("out").iterdir()] == ["thresholds-partial.json"]
-    written = json.loads(Path("out/thresholds-partial.json").read_text())
-    assert written["partial"] == "3 of 4 sweeps; whole: delay"
-    assert [one["name"] for one in written["result"]["imperfections"]] == ["delay"]
-    assert len(written["result"]["sweeps"]) == 2

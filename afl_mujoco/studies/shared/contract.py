@@ -16,11 +16,8 @@ it has
     A frozen dataclass of types that pydantic supports, of `Array` and of `Rows`.
 ``report(result)``
     The only place that puts the study into words: one headline, one figure, one table.
-``films(result, command)``
-    Only for a study that can film what it ran: what to film, once its figures are drawn. Films of
-    an earlier run are removed: they do not belong to the new numbers.
-``require_files(folder)``, ``write_files(result, folder)``
-    Only for a study that writes more than figures: raises before the run; returns what it wrote.
+``write_files(result, folder)``
+    Only for a study that writes more than figures; returns what it wrote.
 
 `STUDY` names the module, and is read as text. The list of commands imports no study, and a command
 only its own.
@@ -73,14 +70,6 @@ def named_controllers(default: str) -> Any:
 
 ControllerNames = Annotated[tuple[str, ...], named_controllers(f"{SUBJECT} and {REFERENCE}")]
 """Controllers by name, as `control.names.chosen` takes them."""
-
-
-class Interrupted(KeyboardInterrupt):
-    """A Ctrl-C during a study that keeps what it has found: a result, and how much of it."""
-
-    def __init__(self, result: Any, done: str) -> None:
-        super().__init__(done)
-        self.result, self.done = result, done
 
 
 def silent(doing: str, done: int, total: int) -> None:
@@ -164,37 +153,10 @@ class Study:
         found: Report = self._part("report")(result)
         return replace(found, title=found.title or self.title)
 
-    def require_folder(self, folder: Path) -> None:
-        """Raise if the folder holds files that would be lost, or that block the study's files."""
-        if require := self._part("require_files"):
-            require(folder)
-        if self._part("films"):
-            from afl_mujoco.films.listing import REMOVE, load_listing
-
-            load_listing(folder, REMOVE)
-
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write the study's files besides its figures, if any, and return their paths."""
         write = self._part("write_files")
         return list(write(result, folder)) if write else []
-
-    def make_films(self, result: Any, folder: Path, command: str) -> list[Path]:
-        """Film what was run, if the study can and films were asked for; return their paths."""
-        plan = self._part("films")
-        films = plan(result, command) if plan else []
-        if not films:
-            return []
-        from afl_mujoco.films.video import make_films
-
-        return list(make_films(films, folder))
-
-    def unlist_films(self, folder: Path, kept: Sequence[Path]) -> None:
-        """Remove the films of an earlier run, except those that were just made."""
-        if self._part("films"):
-            from afl_mujoco.films.listing import unlist_films
-
-            own, names = self.command, {path.name for path in kept}
-            unlist_films(folder, lambda x: x.command.startswith(own) and x.file not in names)
 
     def _part(self, name: str) -> Any:
         return getattr(importlib.import_module(self.module), name, None)

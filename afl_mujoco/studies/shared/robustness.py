@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -330,12 +329,8 @@ def sample(
     deployed: Deployed,
     executor: Executor,
     advance: Callable[[int, str], None] = lambda done, controller: None,
-    kept: dict[int, list[Run]] | None = None,
 ) -> Samples:
-    """Run controllers on the same samples; sample i depends on neither workers nor count.
-
-    What is done is in `kept` at once, for `gathered` where a Ctrl-C ends the rest.
-    """
+    """Run controllers on the same samples; sample i depends on neither workers nor count."""
     units = [
         (one, range(i, min(i + CHUNK, count)))
         for i in range(0, count, CHUNK)
@@ -349,20 +344,10 @@ def sample(
         done += len(numbers)
         advance(done, controller.name)
 
-    kept = {} if kept is None else kept
-    compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress, kept)
-    return gathered(controllers, kept)
-
-
-def gathered(controllers: Sequence[Controller], kept: Mapping[int, list[Run]]) -> Samples:
-    """Return the runs of the samples that every controller has done, from the first on."""
-    runs: Samples = {controller.name: [] for controller in controllers}
-    for first in itertools.count(0, len(controllers)):
-        parts = [kept.get(first + i) for i in range(len(controllers))]
-        if None in parts:
-            return runs
-        for some, part in zip(runs.values(), parts, strict=True):
-            some += part or []
+    parts = compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress)
+    runs: Samples = {one.name: [] for one in controllers}
+    for (one, _), part in zip(units, parts, strict=True):
+        runs[one.name] += part
     return runs
 
 
