@@ -241,6 +241,7 @@ class Regression:
         from afl_mujoco.scenario.catalogue import SCENARIOS
         from afl_mujoco.studies.verify.regression import (
             REGRESSED,
+            UPDATE,
             compare,
             load_baselines,
             record_all,
@@ -257,9 +258,13 @@ class Regression:
         if self.update:
             say(*update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
-        comparison = compare(baselines, fresh)
-        say(*comparison.lines(self.baselines))
-        return SUCCESS if comparison.passed else CHECK_FAILED
+        told = compare(baselines, fresh)
+        runs = sum(len(baseline.runs) for baseline in fresh.values())
+        verdict = f"PASS: {runs} runs match their baselines"
+        if told:
+            verdict = f"FAIL: {len(told)} baselines; {UPDATE} accepts intended changes"
+        say(*told.values(), verdict)
+        return CHECK_FAILED if told else SUCCESS
 
 
 Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]

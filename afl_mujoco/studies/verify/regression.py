@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -133,130 +133,74 @@ def _decimated(run: Trajectory) -> tuple[Row, ...]:
 # --- what has changed ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A value that has changed, and how much it may; None if not at all."""
+def changes(old: Baseline, new: Baseline) -> list[str]:
+    """Return a line for every figure that changed by more than its limit, in order."""
+    found = []
+    for simulator in dict.fromkeys((*old.runs, *new.runs)):
+        place = f"{new.scenario} / {new.controller} / {simulator}"
+        before, after = (_figures(one.runs.get(simulator)) for one in (old, new))
+        for figure in dict.fromkeys((*before, *after)):
+            was, now = (one.get(figure, ["missing"]) for one in (before, after))
+            limit = _limit(figure, before)
+            pairs = zip(was, now, strict=False)
+            moved = [(k, a, b) for k, (a, b) in enumerate(pairs) if _moved(a, b, limit)]
+            if len(was) != len(now):
+                found.append(f"{place}: {figure} at {len(was)} -> {len(now)} instants")
+            elif moved:
+                k, a, b = moved[0]
+                at = f" at {len(moved)} instants, first at t = {k * PERIOD:g} s,"
+                said = f"{figure}{at * (figure in COLUMNS)} {_said(a)} -> {_said(b)}"
+                found.append(f"{place}: {said}" + f" (limit {limit:.2e})" * (limit > 0.0))
+    return found
 
-    run: str
-    figure: str
-    old: object
-    new: object
-    limit: float | None = None
 
-    def __str__(self) -> str:
-        said = f"{self.run}: {self.figure} {_said(self.old)} -> {_said(self.new)}"
-        if self.limit is None or not isinstance(self.old, float) or not isinstance(self.new, float):
-            return said
-        by = self.new - self.old
-        relative = f", relative {by / abs(self.old):+.2e}" if self.old else ""
-        return f"{said} (by {by:+.2e}{relative}; it may move by {self.limit:.2e})"
+def _figures(run: Recording | None) -> dict[str, Sequence[Any]]:
+    """Return the outcome, each metric, and each column over time; nothing of no run."""
+    if run is None:
+        return {}
+    single = {"outcome": run.outcome, **run.metrics}
+    columns = zip(COLUMNS, zip(*run.trajectory, strict=True), strict=True)
+    return {name: [value] for name, value in single.items()} | dict(columns)
 
 
 def _said(value: object) -> str:
     return "none" if value is None else f"{value:.10g}" if isinstance(value, float) else str(value)
 
 
-def changes(old: Baseline, new: Baseline) -> list[Change]:
-    """Return every value that changed by more than its limit, in order."""
-    found: list[Change] = []
-    for simulator in dict.fromkeys((*old.runs, *new.runs)):
-        name = f"{new.scenario} / {new.controller} / {simulator}"
-        there = [simulator in one.runs for one in (old, new)]
-        if all(there):
-            found += _changes_of_run(name, old.runs[simulator], new.runs[simulator])
-        else:
-            found.append(Change(name, "recorded", *there))
-    return found
-
-
-def _changes_of_run(name: str, old: Recording, new: Recording) -> Iterator[Change]:
-    if old.outcome != new.outcome:
-        yield Change(name, "outcome", old.outcome, new.outcome)
-    for figure in dict.fromkeys((*old.metrics, *new.metrics)):
-        if (figure in old.metrics) != (figure in new.metrics):
-            yield Change(name, f"has {figure}", figure in old.metrics, figure in new.metrics)
-            continue
-        before, after = old.metrics[figure], new.metrics[figure]
-        if _moved(before, after, limit := _limit(figure, old)):
-            yield Change(name, figure, before, after, limit)
-    if [row[0] for row in old.trajectory] != [row[0] for row in new.trajectory]:
-        yield Change(name, "number of instants", len(old.trajectory), len(new.trajectory))
-        return
-    for column, figure in enumerate(COLUMNS[1:], start=1):
-        limit = FORCE_LIMIT if figure == "force" else STATE_LIMIT
-        pairs = zip(old.trajectory, new.trajectory, strict=True)
-        moved = [(a[0], a[column], b[column]) for a, b in pairs
-                 if _moved(a[column], b[column], limit)]  # fmt: skip
-        if moved:
-            time, before, after = moved[0]
-            place = f"{figure} at {len(moved)} instants, first at t = {time:g} s,"
-            yield Change(name, place, before, after, limit)
-
-
-def _limit(figure: str, old: Recording) -> float:
+def _limit(figure: str, old: Mapping[str, Sequence[Any]]) -> float:
     sample = (1.0 + SLACK) * SETTINGS.timestep
     if figure.startswith("settling_"):
         return sample
-    if figure == "saturated_share":  # samples that are saturated, as a share of the run
-        return sample / (old.metrics.get("end_time") or 1.0)
-    return max(RELATIVE_LIMIT * abs(old.metrics[figure] or 0.0), ABSOLUTE_LIMIT)
+    if (
+        figure == "saturated_share" and "end_time" in old
+    ):  # samples that are saturated, as a share of the run
+        return sample / (old["end_time"][0] or 1.0)
+    if figure in COLUMNS:
+        return FORCE_LIMIT if figure == "force" else STATE_LIMIT
+    (was,) = old.get(figure, [None])
+    return max(RELATIVE_LIMIT * abs(was), ABSOLUTE_LIMIT) if isinstance(was, float) else 0.0
 
 
-def _moved(old: Number, new: Number, limit: float) -> bool:
-    if old is None or new is None:
-        return old is not new
-    return not abs(new - old) <= limit
+def _moved(old: object, new: object, limit: float) -> bool:
+    if isinstance(old, float) and isinstance(new, float):
+        return not abs(new - old) <= limit
+    return old != new
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Comparison:
-    """What differs between fresh runs and a folder of baselines."""
-
-    runs: int
-    changes: Mapping[str, Sequence[Change]]  # by the file of their baseline
-    missing: tuple[str, ...]  # files that should be there
-    orphaned: tuple[str, ...]  # files for which there is no such run
-    versions: tuple[tuple[str, str, str], ...]  # that differ where something changed: old, new
-
-    @property
-    def passed(self) -> bool:
-        """Whether every run has its baseline, every baseline its run, and nothing moved."""
-        return self.runs > 0 and not (self.changes or self.missing or self.orphaned)
-
-    def lines(self, folder: Path) -> list[str]:
-        """Return the report, a line for each deviation, the verdict last."""
-        moved = [change for found in self.changes.values() for change in found]
-        said = [f"moved     {change}" for change in moved]
-        said += [f"missing   {folder / x}; {UPDATE} writes it" for x in self.missing]
-        said += [f"orphaned  {folder / x} has no run; {UPDATE} removes it" for x in self.orphaned]
-        said += [f"note      {name} was {old}, is {new}" for name, old, new in self.versions]
-        if self.passed:
-            return [*said, f"PASS: {self.runs} runs match their baselines"]
-        counts = {
-            "figures moved": len(moved),
-            "baselines missing": len(self.missing),
-            "orphaned": len(self.orphaned),
-        }
-        summary = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
-        return [*said, f"FAIL: {summary or 'no runs'}; {UPDATE} accepts intended changes"]
-
-
-def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> Comparison:
-    """Compare fresh runs with baselines."""
-    both = [name for name in fresh if name in baselines]
-    moved = {name: found for name in both if (found := changes(baselines[name], fresh[name]))}
-    versions = {
-        (package, old, fresh[name].versions.get(package, "none"))
-        for name in moved
-        for package, old in baselines[name].versions.items()
-    }
-    return Comparison(
-        runs=sum(len(baseline.runs) for baseline in fresh.values()),
-        changes=moved,
-        missing=tuple(name for name in fresh if name not in baselines),
-        orphaned=tuple(name for name in baselines if name not in fresh),
-        versions=tuple(sorted(v for v in versions if v[1] != v[2])),
-    )
+def compare(baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]) -> dict[str, str]:
+    """Return what moved, is missing or left over, by the file of the baseline, in lines."""
+    told = {}
+    for name in dict.fromkeys((*fresh, *baselines)):
+        if name not in baselines:
+            told[name] = f"missing   {name} has no baseline"
+        elif name not in fresh:
+            told[name] = f"orphaned  {name} has no run"
+        elif moved := changes(baselines[name], fresh[name]):
+            old, new = baselines[name].versions, fresh[name].versions
+            moved += [f"{package} was {old[package]}, is {new.get(package, 'none')}"
+                      for package in old if old[package] != new.get(package)]  # fmt: skip
+            told[name] = "\n".join(f"moved     {one}" for one in moved)
+    return told
 
 
 # --- the folder ---------------------------------------------------------------------------------
@@ -277,13 +221,11 @@ def load_baselines(folder: Path) -> dict[str, Baseline]:
 def update_baselines(
     folder: Path, baselines: Mapping[str, Baseline], fresh: Mapping[str, Baseline]
 ) -> list[str]:
-    """Make fresh runs the baselines, but for unmoved files; return what changed, a line each."""
-    comparison = compare(baselines, fresh)
-    for name in (*comparison.missing, *comparison.changes):
-        write_json(folder / name, fresh[name])
-    for name in comparison.orphaned:
-        remove_file(folder / name)
-    said = [f"moved    {change}" for found in comparison.changes.values() for change in found]
-    said += [f"new      {folder / name}" for name in comparison.missing]
-    said += [f"removed  {folder / name}" for name in comparison.orphaned]
-    return said or ["nothing moved"]
+    """Make fresh runs the baselines, but for unmoved files; return what changed."""
+    told = compare(baselines, fresh)
+    for name in told:
+        if name in fresh:
+            write_json(folder / name, fresh[name])
+        else:
+            remove_file(folder / name)
+    return list(told.values())
