@@ -15,14 +15,13 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.metrics import Metrics, metrics
-from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
-from afl_mujoco.studies.shared.run import run_kept
+from afl_mujoco.studies.shared.run import Rows, numbered, run_all, run_kept, run_of
 from afl_mujoco.values import require_distinct
 
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
@@ -35,8 +34,6 @@ SEEDS, QUICK_SEEDS, MOST_SEEDS = 8, 2, 1000
 
 TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
 """Kinds of M and l that a controller assumes."""
-
-METRICS = ("objective", "iae_z", "iae_phi", "max_force")  # metrics that are reported for a loop
 
 UNTIL, EVERY = 12.0, 4
 """End of the curves that are kept [s], after which nothing happens; every so many instants."""
@@ -103,14 +100,21 @@ Curves = dict[str, dict[str, tuple[Array, Array]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Loop:
-    """The cost of one loop over its runs."""
+    """Runs of one loop, one for each seed of the noise."""
 
     parameters: str  # that the controller assumes: `TRUE`, `NOMINAL` or `ESTIMATED`
     noise: bool  # of the sensors
-    runs: int
-    completed: int
-    metrics: Metrics  # medians of `METRICS`; None if a run did not complete
-    largest_force: float | None  # of any run [N]; None if a run did not complete
+    runs: Rows
+
+    @property
+    def completed(self) -> int:
+        """How many of the runs completed."""
+        return sum(run.outcome == COMPLETED for run in self.runs)
+
+    def median(self, metric: str) -> float | None:
+        """Return the median of a metric; None if a run did not complete."""
+        known = [x for run in self.runs if (x := run.metrics[metric]) is not None]
+        return statistics.median(known) if len(known) == self.completed == len(self.runs) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -154,21 +158,24 @@ def run_case(unit: Request) -> Case:
         replace(scenario, imperfections=replace(NOISE, seed=NOISE.seed + seed))
         for seed in range(seeds)
     ]
-    followed = [simulate_estimated(one, estimating, Deployed(timestep=step)) for one in noisy]
-
-    def kept(one: Controller, scenarios: Sequence[Scenario]) -> list[Trajectory | None]:
-        return [run for _, run in run_kept(one, scenarios, Deployed(timestep=step))]
-
-    true = kept(controller, [scenario])
-    loops = [
-        _loop(TRUE, scenario, controller, true),
-        _loop(TRUE, noisy[0], controller, kept(controller, noisy)),
-        _loop(ESTIMATED, scenario, estimating, kept(estimating, [scenario])),
-        _loop(ESTIMATED, noisy[0], estimating, [found.run for found in followed]),
-    ]
+    deployed = Deployed(timestep=step)
+    ((true, oracle),) = run_kept(controller, [scenario], deployed)
+    followed = [simulate_estimated(one, estimating, deployed) for one in noisy]
+    observed = [run_of(one, estimating, x.run) for one, x in zip(noisy, followed, strict=True)]
+    runs = {
+        (TRUE, False): [true],
+        (TRUE, True): run_all(controller, noisy, deployed),
+        (ESTIMATED, False): run_all(estimating, [scenario], deployed),
+        (ESTIMATED, True): observed,
+    }
     if (nominal := CONTROLLERS.get(f"{controller.name}-nominal")) is not None:
-        loops.append(_loop(NOMINAL, scenario, nominal, kept(nominal, [scenario])))
-    found, first, oracle = followed[0], followed[0].run, true[0] or followed[0].run
+        runs[NOMINAL, False] = run_all(nominal, [scenario], deployed)
+    loops = [
+        Loop(parameters=parameters, noise=noise, runs=tuple(numbered(some)))
+        for (parameters, noise), some in runs.items()
+    ]
+    found, first = followed[0], followed[0].run
+    oracle = oracle or first
     part, mine, its = (
         (time <= UNTIL).nonzero()[0][::EVERY] for time in (found.time, first.time, oracle.time)
     )
@@ -184,25 +191,6 @@ def run_case(unit: Request) -> Case:
     return Case(scenario=scenario.name, loops=tuple(loops), curves=curves)
 
 
-def _loop(
-    parameters: str, scenario: Scenario, controller: Controller, runs: Sequence[Trajectory | None]
-) -> Loop:
-    from afl_mujoco.simulation.scoring import nominal_scales, with_objective
-
-    there = [run for run in runs if run is not None]
-    each = [with_objective(metrics(scenario, controller, x), nominal_scales(1e-3)) for x in there]
-    known = {name: [x for one in each if (x := one[name]) is not None] for name in METRICS}
-    whole = all(len(values) == len(runs) for values in known.values())
-    return Loop(
-        parameters=parameters,
-        noise=scenario.imperfections != IDEAL,
-        runs=len(runs),
-        completed=sum(run.outcome.kind == COMPLETED for run in there),
-        metrics={n: statistics.median(x) if whole else None for n, x in known.items()},
-        largest_force=max(known["max_force"]) if whole else None,
-    )
-
-
 # --- what is shown ------------------------------------------------------------------------------
 
 
@@ -211,12 +199,13 @@ def report(result: Result) -> Report:
     cases = result.cases
     loops = [{(loop.parameters, loop.noise): loop for loop in case.loops} for case in cases]
     noisy = [one[ESTIMATED, True] for one in loops]
-    pairs = [(one[ESTIMATED, True].metrics["iae_phi"], one[TRUE, False].metrics["iae_phi"])
+    pairs = [[one[kind].median("iae_phi") for kind in ((ESTIMATED, True), (TRUE, False))]
              for one in loops]  # fmt: skip
     ratios = [mine / true for mine, true in pairs if mine is not None and true is not None]
     headline = (
         f"{result.controller} with estimated M and l completes "
-        f"{sum(loop.completed for loop in noisy)} of {sum(loop.runs for loop in noisy)} noisy runs"
+        f"{sum(loop.completed for loop in noisy)} of "
+        f"{sum(len(loop.runs) for loop in noisy)} noisy runs"
     )
     if ratios:
         headline += f" · ∫|φ| dt at most {short(max(ratios), 3)} times that with the true M and l"
@@ -234,19 +223,17 @@ def report(result: Result) -> Report:
 
 def _loops(result: Result) -> Matrix:
     return Matrix(
-        caption="Cost of the loop by the M and l that are assumed: medians, and the largest force "
-        "of all runs",
+        caption="Cost of the loop by the M and l that are assumed: medians",
         columns=[
             "Scenario", "M and l", "Completed", "∫|z| dt [m s]", "∫|φ| dt [rad s]", "Force [N]",
-            "Largest [N]",
         ],
         rows=[
             [
                 case.scenario, loop.parameters + ", noise" * loop.noise,
-                Cell(f"{loop.completed} of {loop.runs}",
-                     "bad" if loop.completed < loop.runs else ""),
-                fixed(loop.metrics["iae_z"], 2), fixed(loop.metrics["iae_phi"], 3),
-                fixed(loop.metrics["max_force"], 1), fixed(loop.largest_force, 1),
+                Cell(f"{loop.completed} of {len(loop.runs)}",
+                     "bad" if loop.completed < len(loop.runs) else ""),
+                fixed(loop.median("iae_z"), 2), fixed(loop.median("iae_phi"), 3),
+                fixed(loop.median("max_force"), 1),
             ]
             for case in result.cases
             for loop in case.loops
@@ -263,5 +250,5 @@ def _draw(made: Curves) -> Any:
 
 
 STUDY = Study(
-    module=__name__, name="estimation", title="M and l estimated online", order=50, schema=5
+    module=__name__, name="estimation", title="M and l estimated online", order=50, schema=6
 )
