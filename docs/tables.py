@@ -173,8 +173,8 @@ def results_table() -> str:
     rows = []
     for study in studies().values():
         file = f"`{study.stem}.json`, schema {study.schema}"
-        said = _comments(study.result_type) | _attributes(study.result_type)
-        names = [field.name for field in fields(study.result_type)]
+        said = _comments(study.parts.Result) | _attributes(study.parts.Result)
+        names = [field.name for field in fields(study.parts.Result)]
         for text, alike in groupby(names, key=said.__getitem__):
             rows.append((file, ", ".join(f"`{name}`" for name in alike), text))
             file = ""

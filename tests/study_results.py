@@ -153,7 +153,7 @@ def hardware() -> hardware_study.Result:
         whole=tuple(replace(e, starts=150) for e in errors),
         recorded=made,
         pole=tuple(replace(e, **unknown) for e in errors),
-        baselines=dict.fromkeys(("nominal", "uncoupled", "constant_velocity"), errors),
+        nominal=errors,
         statements=(judged, replace(judged, id="rig-0.5-phi", value=0.95, suspected="")),
         band=np.array([[0.0, 0.5], [0.001, 0.01], [0.001, 0.1]]),
         survival=tuple(survival),

@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -30,7 +30,6 @@ from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 if TYPE_CHECKING:
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.time_steps import Deployed
-    from afl_mujoco.simulation.trajectory import Trajectory
 
 INDIFFERENT = ("out", "workers")  # options that do not change the films
 FRAMES_A_SECOND = 60  # frames of a view per second
@@ -298,7 +297,7 @@ SIMULATORS = ("ode", "exact", "continuous", "sampled")
 class Simulate(_Deployed):
     """Run one controller on one scenario; print its metrics.
 
-    Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled --compare
+    Example: afl-mujoco simulate step-step --controller adaptive --simulator sampled
     """
 
     scenario: Name = "nominal"
@@ -306,9 +305,6 @@ class Simulate(_Deployed):
     controller: ControllerName = None
     simulator: str = "sampled"
     """ode, or a mode of MuJoCo: exact, continuous, sampled."""
-    compare: bool = False
-    """Draw the other side as well: the ODE over a MuJoCo run, MuJoCo's exact mode over the ODE.
-    The scenario must have no imperfections."""
     log: bool = False
     """Write the run as a log that the hardware would write, for `afl-mujoco identify`."""
     page: bool = True
@@ -349,27 +345,16 @@ class Simulate(_Deployed):
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
         from afl_mujoco.simulation.simulate import simulate_ode
         from afl_mujoco.simulation.trajectory import Layout
+        from afl_mujoco.studies.shared import tables
         from afl_mujoco.studies.shared.run import run_of
-        from afl_mujoco.studies.shared.tables import how, metrics_matrix, requirements_matrix
 
         controller = bound(controller, scenario)
-        other = "exact" if self.simulator == "ode" else "ode"
-        simulators = (self.simulator, other) if self.compare else (self.simulator,)
-
-        def simulated(kind: str) -> Trajectory:
-            if kind == "ode":
-                return simulate_ode(scenario, controller, sample_period=timestep or LONGEST_STEP)
+        if self.simulator == "ode":
+            run = simulate_ode(scenario, controller, sample_period=timestep or LONGEST_STEP)
+        else:
             held = self.control_period
-            return simulate_mujoco(
-                scenario,
-                controller,
-                kind,
-                timestep=timestep,
-                control_period=held,
-                integrator=integrator,
-            )
-
-        runs = [simulated(kind) for kind in simulators]
+            how: Any = {"timestep": timestep, "control_period": held, "integrator": integrator}
+            run = simulate_mujoco(scenario, controller, self.simulator, **how)
         resolved = self.out / f"{scenario.name}.toml"
         given = Path(self.scenario)
         if resolved.is_file() and given.is_file() and resolved.samefile(given):
@@ -377,34 +362,36 @@ class Simulate(_Deployed):
             raise FileError(str(resolved), rule)
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
-        runs[0].save(folder / f"{stem}.npz")
+        run.save(folder / f"{stem}.npz")
         as_run = Replay(controller=name, integrator=integrator, timestep=timestep)
         save_scenario(scenario, resolved, replay=None if replay == Replay() else as_run)
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
-            save_figure(draw_runs(runs, f"{scenario.name}, {controller.name}"), folder / others[0])
-        figures = [metrics(scenario, controller, run) for run in runs]
+            save_figure(draw_runs([run], f"{scenario.name}, {controller.name}"), folder / others[0])
+        figures = metrics(scenario, controller, run)
         if scenario.is_cart_pole:
             scales = nominal_scales(timestep or LONGEST_STEP)
-            figures = [with_objective(one, scales) for one in figures]
+            figures = with_objective(figures, scales)
         digits = 3 if scenario.imperfections.drawn else 6
-        run = run_of(scenario, controller, runs[0])
-        remarks = [f"- {remark}" for remark in remarks_on(runs[0], scenario, controller)]
+        row = run_of(scenario, controller, run)
+        remarks = [f"- {remark}" for remark in remarks_on(run, scenario, controller)]
         if scenario.imperfections.drawn and self.simulator == "sampled":
             remarks.append(f"- draw 1 of {NOISE_DRAWS}: afl-mujoco compare runs them all")
-        by_simulator = {one.simulator: [figure] for one, figure in zip(runs, figures, strict=True)}
         blocks: list[Block] = [
-            metrics_matrix(
-                by_simulator, in_order(figures[0]), digits=digits, layout=Layout.of(scenario)
+            tables.metrics_matrix(
+                {run.simulator: [figures]},
+                in_order(figures),
+                digits=digits,
+                layout=Layout.of(scenario),
             ),
-            requirements_matrix(scenario, {controller.name: [run]}, {}),
+            tables.requirements_matrix(scenario, {controller.name: [row]}, {}),
             *(["\n".join(remarks)] if remarks else []),
         ]
         if self.log:
-            others += [f.name for f in write_run(scenario, runs[0], folder, stem)]
+            others += [f.name for f in write_run(scenario, run, folder, stem)]
         say(f"wrote {folder / stem}.npz, {', '.join(others)}")
-        ending = how(run.failure) if run.failure not in ("", run.outcome) else run.ending
+        ending = tables.how(row.failure) if row.failure not in ("", row.outcome) else row.ending
         headline = f"{controller.name} on {scenario.name}: {ending}"
-        print_report(Report(headline=headline, blocks=blocks, passed=not run.missed))
-        return CHECK_FAILED if run.missed else SUCCESS
+        print_report(Report(headline=headline, blocks=blocks, passed=not row.missed))
+        return CHECK_FAILED if row.missed else SUCCESS

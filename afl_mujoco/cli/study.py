@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, make_dataclass
@@ -101,9 +100,6 @@ def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
     return Section("Reproduce", "reproduce", blocks)
 
 
-MOST_TOLD = 4  # largest number of scenario files in a folder that are named one by one
-
-
 @dataclass(frozen=True, kw_only=True)
 class StudyCommand:
     """The run and the options of the command of every study."""
@@ -119,13 +115,13 @@ class StudyCommand:
 
     def run(self) -> int:
         """Run the study, write its files, print its sections, make the page."""
-        study, kind = self.study, self.study.configuration
+        study, kind = self.study, self.study.parts.Options
         given = {field.name: separated(getattr(self, field.name)) for field in fields(kind)}
         configuration = kind(**given)
         from afl_mujoco.pool import require_address, require_workers
 
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
-        request = study.prepare(configuration)  # what is quick to check comes first
+        request = study.parts.prepare(configuration)  # what is quick to check comes first
         require_workers(who.get("workers", 1))
         if who.get("cluster") is not None:
             require_address(who["cluster"])
@@ -145,7 +141,7 @@ class StudyCommand:
         if (limit := getattr(self, "call_limit", None)) is not None:
             command += f" --call-limit {limit:g}"
         with study_progress() as progress, kept_processes():
-            result = study.run(request, progress=progress, **who)
+            result = study.parts.run(request, progress=progress, **who)
             record = Record(study=study, result=result, command=command, inputs=inputs)
             files = save_record(
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
@@ -206,25 +202,20 @@ def inputs_of(request: Any) -> dict[str, str]:
 
 
 def _told(files: Sequence[Path]) -> str:
-    """Return files in a line, figures and a folder's many scenario files only counted."""
-    figures = [file for file in files if file.name.endswith(DRAWN)]
-    told = [str(file) for file in files if file not in figures and file.suffix != ".toml"]
-    scenarios = sorted((file for file in files if file.suffix == ".toml"), key=lambda f: f.parent)
-    for folder, group in itertools.groupby(scenarios, key=lambda file: file.parent):
-        there = [*map(str, group)]
-        many = len(there) > MOST_TOLD
-        told += [f"{len(there)} scenario files in {folder}"] if many else there
-    return ", ".join(told) + (f" and {len(figures)} files of figures" if figures else "")
+    """Return files in a line, figures only counted."""
+    told = [str(file) for file in files if not file.name.endswith(DRAWN)]
+    figures = len(files) - len(told)
+    return ", ".join(told) + (f" and {figures} files of figures" if figures else "")
 
 
 def _command(study: Study) -> Any:
     """Return the command of a study: its configuration's options, then those of every study."""
     own: list[Any] = [(name, *option) for name, option in SHARED.items() if study.takes(name)]
-    if "controllers" in (field.name for field in fields(study.configuration)):
+    if "controllers" in (field.name for field in fields(study.parts.Options)):
         own.insert(0, ("call_limit", CallLimit, None))
     made = make_dataclass(
-        f"{study.configuration.__name__}Command", own, bases=(StudyCommand, study.configuration),
-        namespace={"__doc__": study.configuration.__doc__, "__module__": __name__, "study": study},
+        f"{study.parts.Options.__name__}Command", own, bases=(StudyCommand, study.parts.Options),
+        namespace={"__doc__": study.parts.Options.__doc__, "__module__": __name__, "study": study},
         frozen=True, kw_only=True,
     )  # fmt: skip
     command: Any = plain_help(made)

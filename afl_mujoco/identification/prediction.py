@@ -160,8 +160,8 @@ def predicted_by_rig(
     scatter: tuple[float, float],
     *,
     workers: int = 1,
-) -> tuple[Array, Array]:
-    """Return the predicted readings for known commands, and the states at the starts.
+) -> Array:
+    """Return the predicted readings for known commands, shape (B, 2, n).
 
     The scatter of position and angle [m, rad] weights their readings.
     """
@@ -176,21 +176,7 @@ def predicted_by_rig(
 
     own = fitted_starts(lambda x: errors(x) / 1e3, w.starts, rig.START_SCALE, rounds=3)
     own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)
-    track = whole.motion(values, own)
-    states = [
-        pole.at_rows(w, x, np.gradient(x, w.step, axis=1), 0.0)[:, w.past - 1]
-        for x in np.moveaxis(track, -1, 0)
-    ]
-    return whole.read(values, track), np.stack(states, axis=1)
-
-
-def straight_on(w: Windows, states: Array, values: Mapping[str, float]) -> Array:
-    """Return the predicted readings without any acceleration from states (B, 4), (B, 2, n)."""
-    after = w.time - w.time[:, w.past - 1 : w.past]
-    z, phi, z_dot, phi_dot = (states[:, i : i + 1] for i in range(4))
-    position = (z + z_dot * (after + values["skew"])) / values["coupling"]
-    angle = pole.readings(values, phi + phi_dot * after, w.turns)
-    return np.stack([position, angle], axis=1)
+    return whole.read(values, whole.motion(values, own))
 
 
 def _rms(errors: Array) -> float:

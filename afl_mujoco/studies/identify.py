@@ -78,7 +78,7 @@ def beside(identified: Identified, log: Log) -> Shown | None:
         starts, scatter = starts_of([log], AHEAD, AHEAD, AHEAD), identified.scatter()
     except InvalidValueError:  # neither is a reason to lose what was identified
         return None
-    read, _ = predicted_by_rig(starts, identified.values, identified.description, scatter)
+    read = predicted_by_rig(starts, identified.values, identified.description, scatter)
     return shown_of(log, starts, read, identified.values)
 
 

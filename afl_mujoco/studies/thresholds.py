@@ -42,7 +42,7 @@ from afl_mujoco.studies.shared.robustness import (
     times_reference,
 )
 from afl_mujoco.studies.shared.run import Rows, Run
-from afl_mujoco.studies.shared.search import LOWER, UPPER, Threshold
+from afl_mujoco.studies.shared.search import Threshold
 from afl_mujoco.studies.shared.tables import graded, how
 from afl_mujoco.values import require_distinct
 
@@ -234,9 +234,10 @@ def level_text(one: Imperfection, level: float) -> str:
 def threshold_text(one: Imperfection, threshold: Threshold) -> str:
     """Return a threshold: the level of the failure, or that all levels hold or none."""
     past, before = ("<", ">") if one.less_is_worse else (">", "<")
-    sign = {LOWER: f"{past} ", UPPER: f"{before} "}.get(threshold.bound, "")
-    level = threshold.holds_at if threshold.fails_at is None else threshold.fails_at
-    return MISSING if level is None else sign + level_text(one, level)
+    if threshold.fails_at is None:
+        return f"{past} {level_text(one, threshold.holds_at or 0.0)}"
+    sign = f"{before} " * (threshold.holds_at is None)
+    return sign + level_text(one, threshold.fails_at)
 
 
 def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
@@ -248,7 +249,7 @@ def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:
     if milder or not survived(result.runs(found.reference)):
         return FAILS
     ratio = _spare(one, found)
-    if found.survives.bound == LOWER or ratio >= 10.0:
+    if found.survives.fails_at is None or ratio >= 10.0:
         return MUCH
     return SOME if ratio >= 3.0 else LITTLE
 
@@ -323,5 +324,5 @@ def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
 
 
 STUDY = Study(
-    module=__name__, name="thresholds", title="Imperfection thresholds", order=10, schema=6
+    module=__name__, name="thresholds", title="Imperfection thresholds", order=10, schema=7
 )

@@ -104,7 +104,7 @@ def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(folde
 
 
 def test_simulate_writes_run_figure_and_resolved_scenario(folder, command_line) -> None:
-    code, output, errors = command_line("simulate", "short.toml", "--compare", "--out", "out")
+    code, output, errors = command_line("simulate", "short.toml", "--out", "out")
     assert (code, errors) == (0, "")
     assert "objective OF" in output and "settling" not in output
     stem = folder / "out" / "short-adaptive-sampled"

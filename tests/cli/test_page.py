@@ -112,7 +112,7 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         ("montecarlo", {}, ["laboratory"], ["adaptive", "lqr"]),
     ):
         study = find_study(name)
-        found = inputs_of(study.prepare(study.configuration(**options)))
+        found = inputs_of(study.parts.prepare(study.parts.Options(**options)))
         things = [f"scenario {one}" for one in scenarios]
         assert [*found] == things + [f"controller {one}" for one in controllers]
 

@@ -16,7 +16,7 @@ NAMES = [*ALL, "dice"]  # the toy study passes as well, without a line of its ow
 
 
 def takes_scenarios(study: Study) -> bool:
-    hints = get_type_hints(study.configuration, include_extras=True)
+    hints = get_type_hints(study.parts.Options, include_extras=True)
     return any(
         name.startswith("scenario") and tyro.conf.Positional in getattr(hint, "__metadata__", ())
         for name, hint in hints.items()
@@ -24,7 +24,7 @@ def takes_scenarios(study: Study) -> bool:
 
 
 def controllers_option(study: Study) -> str:
-    names = {field.name for field in fields(study.configuration)}
+    names = {field.name for field in fields(study.parts.Options)}
     return next((f"--{n}" for n in ("controllers", "controller") if n in names), "")
 
 
@@ -101,7 +101,7 @@ def test_a_place_for_results_or_films_that_cannot_be_used(toy, refuses, tmp_path
 
 @pytest.mark.parametrize("name", NAMES)
 def test_an_option_without_a_value(toy: str, refuses, name: str) -> None:
-    hints = get_type_hints(studies()[name].configuration, include_extras=True)
+    hints = get_type_hints(studies()[name].parts.Options, include_extras=True)
     for option, hint in {"out": Path, **hints}.items():
         if hint is bool or tyro.conf.Positional in getattr(hint, "__metadata__", ()):
             continue

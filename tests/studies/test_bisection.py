@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.studies.shared.search import BRACKETED, LOWER, UPPER, find_threshold, scan_levels
+from afl_mujoco.studies.shared.search import find_threshold, scan_levels
 
 
 @given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())
@@ -18,26 +17,19 @@ def test_the_bracket_holds_the_threshold_and_is_as_narrow_as_asked(edge, toleran
         return level > edge if less_is_worse else level < edge
 
     found = find_threshold(holds, scan_levels(*ends, 7), tolerance)
-    assert found.bound == BRACKETED
     assert found.holds_at is not None and found.fails_at is not None
     assert holds(found.holds_at) and not holds(found.fails_at)
     assert abs(math.log(found.fails_at / found.holds_at)) <= math.log1p(tolerance) * (1 + 1e-9)
-    assert found.islands == 0
 
 
 def test_the_first_loss_counts_and_that_every_level_holds_or_none_is_said():
     scan = scan_levels(1.0, 10.0, 4)
     all_hold = find_threshold(lambda level: True, scan, 0.1)
-    assert (all_hold.bound, all_hold.holds_at, all_hold.fails_at) == (
-        LOWER,
-        pytest.approx(10),
-        None,
-    )
+    assert (all_hold.holds_at, all_hold.fails_at) == (pytest.approx(10), None)
     none = find_threshold(lambda level: False, scan, 0.1)
-    assert (none.bound, none.holds_at, none.fails_at) == (UPPER, None, 1.0)
+    assert (none.holds_at, none.fails_at) == (None, 1.0)
     found = find_threshold(lambda x: x < 2.0 or 5.0 < x < 20.0, scan_levels(1.0, 100.0, 13), 0.01)
     assert found.fails_at == pytest.approx(2.0, rel=0.01)
-    assert found.islands == sum(5.0 < x < 20.0 for x in scan_levels(1.0, 100.0, 13))
 
 
 def test_levels_that_come_in_steps_are_narrowed_to_one_step():
@@ -50,14 +42,6 @@ def test_levels_that_come_in_steps_are_narrowed_to_one_step():
     found = find_threshold(holds, scan_levels(0.5, 50.0, 5), 1e-6, lambda x: round(2 * x) / 2)
     assert (found.holds_at, found.fails_at) == (6.5, 7.0)
     assert all(2.0 * level == round(2.0 * level) for level in tried)
-
-
-@pytest.mark.parametrize(
-    ("ends", "count"), [((0.0, 1.0), 3), ((1.0, 1.0), 3), ((-1.0, 1.0), 3), ((1.0, 2.0), 1)]
-)
-def test_a_scan_that_cannot_be_is_refused(ends, count):
-    with pytest.raises(InvalidValueError):
-        scan_levels(*ends, count)
 
 
 @pytest.mark.parametrize("less_is_worse", [False, True])
@@ -77,7 +61,7 @@ def test_a_narrow_loss_just_before_the_threshold_is_found(less_is_worse):
     assert near.holds_at is not None and holds(near.holds_at)
     assert near.fails_at is not None and not holds(near.fails_at)
     assert near.fails_at == pytest.approx(edge, rel=0.011)
-    assert abs(math.log(near.fails_at / near.holds_at)) <= math.log1p(0.02) and near.islands > 5
+    assert abs(math.log(near.fails_at / near.holds_at)) <= math.log1p(0.02)
     far = find_threshold(holds, scan, 0.02, closer=60)
     assert far.fails_at == pytest.approx(1000.0 / 26.0 if less_is_worse else 26.0, rel=0.011)
 

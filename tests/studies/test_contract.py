@@ -50,6 +50,6 @@ def test_it_is_put_into_the_page_beside_what_is_there(toy, command_line, tmp_pat
 
 @pytest.mark.parametrize("study", studies().values(), ids=list(studies()))
 def test_every_study_has_what_the_contract_asks_for(study) -> None:
-    assert "Example: afl-mujoco " + study.name in study.configuration.__doc__
-    assert study.configuration()  # every option has a default
-    assert fields(study.result_type)
+    assert "Example: afl-mujoco " + study.name in study.parts.Options.__doc__
+    assert study.parts.Options()  # every option has a default
+    assert fields(study.parts.Result)

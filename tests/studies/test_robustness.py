@@ -19,7 +19,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import Run, run_all
-from afl_mujoco.studies.shared.search import BRACKETED, Budget, minimise
+from afl_mujoco.studies.shared.search import Budget, minimise
 from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
@@ -78,7 +78,6 @@ def test_a_level_is_of_every_input_and_the_reference_no_milder_than_the_file(
 def test_a_threshold_is_where_single_runs_begin_to_fail(name: str) -> None:
     settings = robustness.Settings(seeds=1, scan=5, tolerance=0.1)
     found = robustness.sweep(robustness.SweepUnit(name, LQR, (LEANING,), settings)).survives
-    assert found.bound == BRACKETED
     for level, survives in ((found.holds_at, True), (found.fails_at, False)):
         there = replace(LEANING, imperfections=IDEAL.changed({name: level}))
         alone = afl.simulate_mujoco(there, LQR)
@@ -157,8 +156,6 @@ def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
     ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
     ({"space": near_laboratory(control_period=1.5e-3), "deployed": Deployed("RK4", 1e-3)},
      "timestep 0.001 s must divide control_period 0.0015 s"),
-    ({"controllers": [ADAPTIVE], "space": near_laboratory(half_length=(1e-3, 1.0))},
-     "switching of the gain function at M = 0.1 kg, l = 0.001 m must be positive, got -"),
 ], ids=str)  # fmt: skip
 def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -> None:
     asked = {"controllers": [LQR], "space": SPACE, "samples": 2, "seed": 1, "deployed": Deployed()}

@@ -127,39 +127,23 @@ class Study:
         return f"afl-mujoco {self.name}"
 
     @property
-    def configuration(self) -> Any:
-        """The dataclass of its options."""
-        return self._part("Options")
-
-    def prepare(self, options: Any) -> Any:
-        """Return what the options ask for, or raise if a rule is broken."""
-        return self._part("prepare")(options)
-
-    def run(self, request: Any, **how: Any) -> Any:
-        """Return the result of what was prepared."""
-        return self._part("run")(request, **how)
+    def parts(self) -> Any:
+        """The module that has its parts, imported when they are needed."""
+        return importlib.import_module(self.module)
 
     def takes(self, option: str) -> bool:
         """Return whether its ``run`` takes an option."""
-        return option in inspect.signature(self._part("run")).parameters
-
-    @property
-    def result_type(self) -> Any:
-        """The dataclass of its result."""
-        return self._part("Result")
+        return option in inspect.signature(self.parts.run).parameters
 
     def report(self, result: Any) -> Report:
         """Return what is shown of a result."""
-        found: Report = self._part("report")(result)
+        found: Report = self.parts.report(result)
         return replace(found, title=found.title or self.title)
 
     def write_files(self, result: Any, folder: Path) -> list[Path]:
         """Write the study's files besides its figures, if any, and return their paths."""
-        write = self._part("write_files")
+        write = getattr(self.parts, "write_files", None)
         return list(write(result, folder)) if write else []
-
-    def _part(self, name: str) -> Any:
-        return getattr(importlib.import_module(self.module), name, None)
 
 
 # --- which studies there are ---------------------------------------------------------------------

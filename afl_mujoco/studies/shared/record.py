@@ -162,7 +162,7 @@ def load_record(study: Study, folder: Path) -> Record:
             raise ValueError(f"{npz.name} beside it must be unchanged since it was written")
         arrays = read_arrays(npz, array_names(npz)) if npz.exists() else {}
         given = {key: value for key, value in data.items() if key not in named}
-        result = unpacked(study.result_type, given, arrays)
+        result = unpacked(study.parts.Result, given, arrays)
     return Record(
         study=study, result=result, command=header.command, versions=header.versions,
         inputs=header.inputs,

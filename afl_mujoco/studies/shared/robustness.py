@@ -17,15 +17,13 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.pool import Executor, compute_all
-from afl_mujoco.scenario.belief import ERROR, is_error
+from afl_mujoco.scenario.belief import is_error
 from afl_mujoco.scenario.imperfections import (
     IDEAL_INPUT,
     LARGEST_SEED,
     Imperfection,
     imperfections_of,
 )
-from afl_mujoco.scenario.parameters import PlantRange
-from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
@@ -38,7 +36,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
 from afl_mujoco.studies.shared.search import (
-    LOWER,
     Budget,
     Threshold,
     find_threshold,
@@ -279,7 +276,7 @@ def sweep(unit: SweepUnit) -> Swept:
         runs = [(a, b) for x in (one.reference, one.harsh)
                 for a, b in zip(run_bare(unit), at(x), strict=True)]  # fmt: skip
         if all(a.metrics == b.metrics and a.time == b.time and not b.message for a, b in runs):
-            holds = Threshold(bound=LOWER, holds_at=one.harsh, fails_at=None, islands=0)
+            holds = Threshold(holds_at=one.harsh, fails_at=None)
             return Swept(at(one.reference), holds, holds, (), False)
     survives = threshold(lambda level: survived(at(level)), settings.scan)
     settles = threshold(lambda level: all_settled(at(level), scenarios))
@@ -459,27 +456,6 @@ def require_samples(
     require_runs(controllers, [space.scenario], deployed)
     require_count("samples", samples, 1, MOST_SAMPLES)
     require_count("seed", seed, 0, LARGEST_SEED)
-    scenario = space.scenario
-    if not scenario.is_cart_pole:
-        return
-    ends = [_assumed(space, name) for name in scheduled(CART_POLE)]
-    plants = PlantRange(ends[0], ends[1], *scenario.told_constants).grid(21)
-    for controller in controllers:
-        if not controller.interpreted:
-            controller.inputs_for(plants)  # raises if a gain is not positive
-
-
-def _assumed(space: SampleSpace, name: str) -> tuple[float, float]:
-    """Return the least and the largest M [kg] or l [m] that a controller may assume."""
-    own = space.scenario.hardware(f"{name}{ERROR}")
-    bounds, errors = space.bounds(name), space.varied.get(f"{name}{ERROR}", (own, own))
-    known = space.scenario.belief.known(space.scenario.nominal)
-    told = [
-        known.changed(**{f"{name}{ERROR}": error}).told(name, value)
-        for value in bounds
-        for error in errors
-    ]
-    return float(min(told)), float(max(told))
 
 
 # --- starts -------------------------------------------------------------------------------------

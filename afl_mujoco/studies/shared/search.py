@@ -10,31 +10,22 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import InvalidValueError, require_count
+from afl_mujoco.errors import require_count
 
 # --- a threshold: a scan on a logarithmic grid, then bisection ------------------------------------
-
-LOWER, UPPER, BRACKETED = "lower", "upper", "bracketed"
-"""What is known about a threshold: a lower bound, if the property holds on the whole range; an
-upper bound, if it holds nowhere on it; or both."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Threshold:
     """Where a property is lost on the way from a benign level to a harsh one."""
 
-    bound: str  # `LOWER`, `UPPER` or `BRACKETED`
-    holds_at: float | None  # harshest level such that it and every more benign level tried hold
-    fails_at: float | None  # most benign level found at which it does not hold
-    islands: int  # number of harsher levels tried that hold again, where it is not monotone
+    # harshest level such that it and every more benign level tried hold; None if none holds
+    holds_at: float | None
+    fails_at: float | None  # most benign level found at which it does not hold; None if all hold
 
 
 def scan_levels(benign: float, harsh: float, count: int) -> list[float]:
     """Return levels from benign to harsh, evenly spaced in their logarithm."""
-    if not (benign > 0.0 and harsh > 0.0 and benign != harsh):
-        raise InvalidValueError("levels", "must be positive and differ", (benign, harsh))
-    if count < 2:
-        raise InvalidValueError("scan", "must have at least 2 levels", count)
     levels: list[float] = np.geomspace(benign, harsh, count).tolist()
     return levels
 
@@ -58,10 +49,10 @@ def find_threshold(
     levels = list(dict.fromkeys(snapped(level) for level in scan))
     found = [tried(level) for level in levels]
     if all(found):
-        return Threshold(bound=LOWER, holds_at=levels[-1], fails_at=None, islands=0)
+        return Threshold(holds_at=levels[-1], fails_at=None)
     first = found.index(False)
     if first == 0:
-        return Threshold(bound=UPPER, holds_at=None, fails_at=levels[0], islands=sum(found))
+        return Threshold(holds_at=None, fails_at=levels[0])
     benign, good, bad = levels[0], levels[first - 1], levels[first]
     while _apart(bad, good) > math.log1p(tolerance):
         middle = snapped(math.sqrt(good * bad))
@@ -73,8 +64,7 @@ def find_threshold(
             bad = middle
     ratio = math.sqrt(1.0 + tolerance) ** (1 if benign > levels[-1] else -1)
     good, bad = _descended(tried, good, bad, benign, ratio, snapped, closer)
-    islands = sum(ok for x, ok in known.items() if _apart(x, benign) > _apart(bad, benign))
-    return Threshold(bound=BRACKETED, holds_at=good, fails_at=bad, islands=islands)
+    return Threshold(holds_at=good, fails_at=bad)
 
 
 def _descended(
