@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from afl_mujoco.control.gains import GainFunction, scheduled_gain
+from afl_mujoco.report.numbers import SUPERSCRIPTS
 from afl_mujoco.report.style import BLUE, GREY, VERMILION, new_figure, styled
 from research.gain_tuning import GainTable
 from research.optimisers import Result
@@ -118,6 +119,9 @@ def draw_contest(result: Result) -> Figure:
         axis.semilogx(steps, curve, label=name, markevery=(first, gap), ms=6.0, **style)
     axis.set_xlim(1.0, benchmark.budget)
     axis.set_ylim(0.0, 1.02)
+    axis.xaxis.set_major_formatter(
+        lambda x, _: f"10{str(round(np.log10(x))).translate(SUPERSCRIPTS)}"
+    )
     axis.yaxis.set_major_formatter(PercentFormatter(1.0))
     axis.set_xlabel("evaluations of the cost")
     axis.set_ylabel("share of all (plant, target, run) solved")

@@ -338,7 +338,7 @@ class Simulate(_Deployed):
         from afl_mujoco.scenario.sample_space import NOISE_DRAWS
         from afl_mujoco.scenario.time_steps import LONGEST_STEP
         from afl_mujoco.simulation.bound_controllers import bound
-        from afl_mujoco.simulation.figures import draw_runs
+        from afl_mujoco.simulation.figures import draw_run
         from afl_mujoco.simulation.metrics import in_order, metrics
         from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.remarks import remarks_on
@@ -368,7 +368,7 @@ class Simulate(_Deployed):
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
-            save_figure(draw_runs([run], f"{scenario.name}, {controller.name}"), folder / others[0])
+            save_figure(draw_run(run, f"{scenario.name}, {controller.name}"), folder / others[0])
         figures = metrics(scenario, controller, run)
         if scenario.is_cart_pole:
             scales = nominal_scales(timestep or LONGEST_STEP)

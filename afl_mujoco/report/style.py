@@ -16,12 +16,10 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import LogFormatterSciNotation
 from numpy.typing import NDArray
 
 from afl_mujoco.files import atomic_file
 from afl_mujoco.report import blocks
-from afl_mujoco.report.numbers import SUPERSCRIPTS
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#707070"
@@ -76,8 +74,6 @@ _RC: Any = {
     "text.parse_math": False,  # a name is shown as it is
 }
 
-_BRACES = str.maketrans("", "", "{}")
-
 
 @contextmanager
 def styled() -> Iterator[None]:
@@ -86,35 +82,10 @@ def styled() -> Iterator[None]:
         yield
 
 
-class _Powers(LogFormatterSciNotation):
-    """Powers of ten along an axis, as plain text: math is switched off where names are shown."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        label = super().__call__(x, pos).strip("$").replace(r"\mathdefault", "")
-        mantissa, _, power = label.replace(r"\times", " × ").partition("^")
-        return (mantissa + power.translate(SUPERSCRIPTS)).translate(_BRACES)
-
-
-class _Literal(Figure):
-    """A figure that shows ``$`` in a name as it is, and powers of ten without math."""
-
-    def draw(self, renderer: Any) -> None:
-        self.label_powers()
-        super().draw(renderer)
-
-    def label_powers(self) -> None:
-        """Label the ticks of every logarithmic axis without math."""
-        for axis in (one for axes in self.axes for one in (axes.xaxis, axes.yaxis)):
-            if type(axis.get_major_formatter()) is LogFormatterSciNotation:
-                axis.set_major_formatter(_Powers())
-            if type(axis.get_minor_formatter()) is LogFormatterSciNotation:
-                axis.set_minor_formatter(_Powers())
-
-
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure [in] that needs no display and shows names as they are."""
+    """Return an empty figure [in] that needs no display."""
     layout = ConstrainedLayoutEngine(w_pad=0.1, h_pad=0.06)  # [in]: vectors are wider than pixels
-    figure = _Literal(figsize=(width, height), dpi=PNG_DPI, layout=layout)
+    figure = Figure(figsize=(width, height), dpi=PNG_DPI, layout=layout)
     FigureCanvasAgg(figure)
     return figure
 
@@ -148,8 +119,6 @@ def lay_out(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         with styled():
-            if isinstance(figure, _Literal):
-                figure.label_powers()
             engine.execute(figure)
         figure.set_layout_engine(None)
 

@@ -224,9 +224,9 @@ class Trajectory:
 
     def plot(self) -> Any:
         """Draw states, inputs and parameters over time; return the matplotlib figure."""
-        from afl_mujoco.simulation.figures import draw_runs
+        from afl_mujoco.simulation.figures import draw_run
 
-        return draw_runs([self], self._title)
+        return draw_run(self, self._title)
 
     def to_pandas(self) -> Any:
         """Return states, inputs, commands and parameters as a pandas DataFrame, its index time [s].
