@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -27,7 +27,6 @@ from afl_mujoco.report.blocks import REPLAY
 from afl_mujoco.studies.shared.contract import Study, studies
 
 if TYPE_CHECKING:
-    from afl_mujoco.films.listing import Entry
     from afl_mujoco.report.blocks import Block, Section
     from afl_mujoco.studies.shared.record import Record
 
@@ -50,7 +49,6 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
 def write_page(folder: Path, films: Path) -> Path:
     """Write the page of a folder, completely or not at all; nothing is computed."""
     from afl_mujoco.files import write_text
-    from afl_mujoco.films.listing import load_listing
     from afl_mujoco.films.listing import sections as film_sections
     from afl_mujoco.report.page import to_html
     from afl_mujoco.studies.shared.record import PAGE, load_records
@@ -59,39 +57,16 @@ def write_page(folder: Path, films: Path) -> Path:
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     reports = {record.study.name: record.report for record in records}
-    warnings = list(_mixed(records, load_listing(films)))
-    last = [*film_sections(films), _reproduce(records, warnings)]
+    last = [*film_sections(films), _reproduce(records)]
     write_text(folder / PAGE, to_html(TITLE, reports, folder, last))
     return folder / PAGE
 
 
-def _mixed(records: Sequence[Record], films: Sequence[Entry]) -> Iterator[str]:
-    """Yield a warning for each scenario and controller of which there are different versions.
-
-    Films alone are not compared: the worst cases of two controllers may have one name.
-    """
-    from afl_mujoco.report.markdown import code, plain
-    from afl_mujoco.report.numbers import listed
-
-    inputs = [(record.study.title, record.inputs) for record in records]
-    inputs += [(entry.file, entry.inputs) for entry in films]
-    for thing in dict.fromkeys(name for record in records for name in record.inputs):
-        holders = [(title, digests[thing]) for title, digests in inputs if thing in digests]
-        groups = {digest: [t for t, found in holders if found == digest] for _, digest in holders}
-        if len(groups) > 1:
-            kind, _, name = thing.partition(" ")
-            those = " as in ".join(listed(titles, "and") for titles in groups.values())
-            yield (
-                f"**Different versions of a {kind}.** {code(name)} is not the same in "
-                f"{plain(those)}: run again what is out of date."
-            )
-
-
-def _reproduce(records: Sequence[Record], warnings: Sequence[str]) -> Section:
+def _reproduce(records: Sequence[Record]) -> Section:
     from afl_mujoco.report.blocks import Section
     from afl_mujoco.report.markdown import code
 
-    blocks: list[Block] = [*warnings]
+    blocks: list[Block] = []
     for record in records:
         made_by = ", ".join(f"{name} {number}" for name, number in record.versions.items())
         made = code(f"{record.study.stem}.json")

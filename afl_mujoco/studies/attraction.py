@@ -19,7 +19,7 @@ from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import LARGEST_STATE, require_start_angle, symbol
+from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
@@ -66,17 +66,11 @@ class Options:
     quick: bool = False
     """11 starts along each axis, unless a number is given."""
     axes: tuple[str, ...] = ()
-    """The two states that vary, by name: phi phi_dot of the cart-pole."""
-    max_angle: float | None = None
-    """Largest deviation of the first from its target [rad, m]; 1.55 of the cart-pole, else 20 times
-    the band in which it is at rest."""
-    max_rate: float | None = None
-    """The same of the second [rad/s, m/s]; 10 of the cart-pole."""
+    """The two states that vary, by name: phi phi_dot of the cart-pole. They go up to 1.55 rad and
+    10 rad/s from the target, of another plant up to 20 times the band in which it is at rest."""
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
 
 
 class Request(NamedTuple):
@@ -106,39 +100,26 @@ def prepare(options: Options) -> Request:
     for name in axes:
         if name not in states:
             raise UnknownNameError.among("axis", name, states)
-    reach = (_reach("max_angle", o.max_angle, first, scenario),
-             _reach("max_rate", o.max_rate, second, scenario))  # fmt: skip
-    deployed = Deployed(o.integrator, o.timestep)
+    deployed = Deployed(timestep=o.timestep)
     controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
     angles, rates = (
         target.get(name, 0.0) + np.linspace(-most, most, count)
-        for name, most in zip(axes, reach, strict=True)
+        for name, most in ((name, _reach(name, scenario)) for name in axes)
     )
     return Request(scenario, controllers, axes, angles, rates, deployed)
 
 
-def _reach(option: str, given: float | None, name: str, scenario: Scenario) -> float:
-    """Return how far a state goes from its target."""
-    units, rate = scenario.plant.units, name not in scenario.plant.coordinates
-    if given is None and scenario.is_cart_pole and name.startswith("phi"):
-        given = 10.0 if rate else 1.55
-    if given is None:
-        given = 20.0 * scenario.band(name.removesuffix("_dot"))
-        turn = math.pi if units[name] == "rad" else math.inf
-        stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
-        given = min(given, 0.95 * min(stop, scenario.ends_at.get(name, math.inf)), turn)
-    most = require_positive(option, given)
-    if units[name] == "rad":
-        require_start_angle(option, most)
-    if most > LARGEST_STATE:
-        raise InvalidValueError(option, f"must be at most {LARGEST_STATE:g}", most)
-    end = scenario.ends_at.get(name)
-    if end is not None and not most < end:
-        rule = f"must be below {end:.4f} {units[name]}, where a run has ended"
-        raise InvalidValueError(option, rule, most)
-    return most
+def _reach(name: str, scenario: Scenario) -> float:
+    """Return how far a state goes from its target, within end stops and what ends a run."""
+    most, share = 20.0 * scenario.band(name.removesuffix("_dot")), 0.95
+    if scenario.is_cart_pole and name.startswith("phi"):
+        most, share = (10.0 if name.endswith("_dot") else 1.55), 0.99
+    turn = math.pi if scenario.plant.units[name] == "rad" else math.inf
+    stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
+    end = scenario.ends_at.get(name, math.inf)
+    return require_positive(f"reach of {name}", min(most, share * min(stop, end), turn))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -147,8 +128,7 @@ class Result:
 
     scenario: Scenario
     controllers: tuple[str, ...]  # their names
-    integrator: str  # of MuJoCo, and its step [s], None for the default
-    timestep: float | None
+    timestep: float | None  # of MuJoCo [s], None for the default
     axes: tuple[str, str] = ("phi", "phi_dot")  # the two states that vary
     angles: Array  # their levels
     rates: Array
@@ -199,7 +179,7 @@ def run(
             rows += map_starts(one, scenario, axes, (angles, rates), deployed, executor, advance)
     return Result(
         scenario=scenario, controllers=tuple(one.name for one in controllers),
-        integrator=deployed.integrator, timestep=deployed.timestep,
+        timestep=deployed.timestep,
         axes=axes, angles=angles, rates=rates, rows=tuple(rows),
     )  # fmt: skip
 
@@ -276,4 +256,4 @@ def _draw(result: Result, maps: Mapping[str, NDArray[np.int_]], present: Sequenc
     return figure
 
 
-STUDY = Study(module=__name__, name="attraction", title="Region of attraction", order=30, schema=5)
+STUDY = Study(module=__name__, name="attraction", title="Region of attraction", order=30, schema=6)

@@ -84,8 +84,6 @@ class Options:
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, the default of `simulate`, Euler, implicit, implicitfast."""
 
 
 class Request(NamedTuple):
@@ -118,7 +116,7 @@ def prepare(options: Options) -> Request:
         for given, usual in zip((o.samples, o.generations), default, strict=True)
     )
     budget = Budget(generations=generations)
-    space, deployed = SampleSpace(with_ranges(asked)), Deployed(o.integrator, o.timestep)
+    space, deployed = SampleSpace(with_ranges(asked)), Deployed(timestep=o.timestep)
     controllers = [find_controller(name) for name in names]
     require_samples(controllers, space, samples, o.seed, deployed)
     return Request(
@@ -133,8 +131,7 @@ class Result:
     """Every controller on the same samples, and the worst that a search found."""
 
     seed: int  # of the samples
-    integrator: str  # of MuJoCo, and its step [s], None for the default
-    timestep: float | None
+    timestep: float | None  # of MuJoCo [s], None for the default
     space: SampleSpace  # that the samples are drawn from
     rows: Rows  # every run, controller by controller; its draw is the number of the sample
     asked: Mapping[str, str]  # by controller, the name by which it was asked for
@@ -197,7 +194,6 @@ def run(
 def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Worst]) -> Result:
     return Result(
         seed=request.seed,
-        integrator=request.deployed.integrator,
         timestep=request.deployed.timestep,
         space=request.space,
         rows=tuple(run for some in runs.values() for run in some),
@@ -340,7 +336,6 @@ def write_files(result: Result, folder: Path) -> list[Path]:
     for file, scenario in scenarios.items():
         replay = Replay(
             controller=result.asked[Path(file).parent.name],
-            integrator=result.integrator,
             timestep=result.timestep,
         )
         save_scenario(scenario, folder / file, replay=replay)

@@ -97,8 +97,6 @@ class Options:
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
-    integrator: str = "RK4"
-    """MuJoCo's integrator: RK4, Euler, implicit, implicitfast."""
 
 
 class Request(NamedTuple):
@@ -132,7 +130,7 @@ def prepare(options: Options) -> Request:
     o = options
     usual = dict(zip(("seeds", "scan", "tolerance"), QUICK if o.quick else DEFAULT, strict=True))
     searched: Any = usual | {name: x for name in usual if (x := getattr(o, name)) is not None}
-    settings = Settings(**searched, integrator=o.integrator, timestep=o.timestep)
+    settings = Settings(**searched, timestep=o.timestep)
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
     controllers = [find_controller(name) for name in chosen(o.controllers, scenarios, SWEPT)]
     names = o.imperfections or tuple(known_of(scenarios[0].plant))

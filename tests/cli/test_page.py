@@ -117,28 +117,6 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         assert [*found] == things + [f"controller {one}" for one in controllers]
 
 
-def test_results_of_different_versions_of_a_scenario_or_a_controller_are_warned_of(tmp_path):
-    inputs = {"scenario rig": "a", "controller lqr": "b"}
-    changed = {"margins": {}, "thresholds": {"controller lqr": "c"}, "compare": {"scenario x": "d"}}
-    for name, new in changed.items():
-        one = replace(study_results.record(name), inputs=inputs | new)
-        save_record(one, tmp_path, figures=False)
-    write_listing(tmp_path, film_entry("a.mp4", inputs={"scenario rig": "e"}))
-    (tmp_path / "a.mp4").write_bytes(b"film")
-    text = Outline(made(tmp_path)).text
-    titles = [find_study(name).title for name in ("compare", "thresholds", "margins")]
-    for said in (
-        f"rig is not the same in {titles[0]}, {titles[1]} and {titles[2]} as in a.mp4: run again",
-        f"lqr is not the same in {titles[0]} and {titles[2]} as in {titles[1]}: run again",
-    ):
-        assert said in text
-    assert text.count("Different versions of a ") == 2
-    worst = [film_entry(f"{i}.mp4", inputs={"scenario rig-hardest": f"{i}"}) for i in range(2)]
-    write_listing(tmp_path, *worst)
-    save_record(replace(study_results.record("thresholds"), inputs=inputs), tmp_path, figures=False)
-    assert "Different versions" not in made(tmp_path)
-
-
 def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_path) -> None:
     with pytest.raises(FileError, match="must hold a result: run afl-mujoco validate"):
         write_page(tmp_path, tmp_path)

@@ -77,7 +77,7 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy, tmp_path) -
         assert load_scenario(file) == sample_scenario(SPACE, one.draw, 1)
         (again,) = run_all(afl.CONTROLLERS[one.controller], [load_scenario(file)])
         assert replace(again, draw=one.draw) == one
-        assert find_replay(str(file)) == Replay(controller=one.controller, integrator="RK4")
+        assert find_replay(str(file)) == Replay(controller=one.controller)
 
 
 def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch) -> None:
@@ -149,11 +149,11 @@ def test_files_are_by_number_and_of_this_study_alone(heavy: montecarlo.Result, t
 
 @pytest.mark.slow
 def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: Path) -> None:
-    words = ("--samples", "16", "--integrator", "Euler", "--generations", "1", "--out")
+    words = ("--samples", "16", "--generations", "1", "--out")
     result = program("montecarlo", *words, "out", cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     content = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
-    asked = "afl-mujoco montecarlo --samples 16 --generations 1 --integrator Euler"
+    asked = "afl-mujoco montecarlo --samples 16 --generations 1"
     assert content["command"] == asked
     failures = [row for row in content["rows"] if row["failure"]]
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}

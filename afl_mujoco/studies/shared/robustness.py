@@ -196,13 +196,12 @@ class Settings:
     seeds: int = 4  # draws of noise and start, all of which must be survived
     scan: int = 13  # levels of the scan, and levels beside the threshold that must be survived
     tolerance: float = 0.02  # relative width to which bisection narrows a threshold [1]
-    integrator: str = "RK4"
     timestep: float | None = None  # [s]
 
     @property
     def deployed(self) -> Deployed:
         """How MuJoCo runs."""
-        return Deployed(self.integrator, self.timestep)
+        return Deployed(timestep=self.timestep)
 
     def require(self) -> None:
         """Raise if a number breaks its rule."""
