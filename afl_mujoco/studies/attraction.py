@@ -15,7 +15,6 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
@@ -165,18 +164,8 @@ def run(
 ) -> Result:
     """Run every controller from every start; the result does not depend on the workers."""
     scenario, controllers, axes, angles, rates, deployed = request
-    done, each = 0, len(angles) * len(rates) + 1
-    rows: list[Run] = []
-    progress("mapping", 0, len(controllers) * each)
-    with open_executor(workers, cluster) as executor:
-        for one in controllers:
-
-            def advance(starts: int, name: str = one.name) -> None:
-                nonlocal done
-                done += starts
-                progress(f"mapping: {name}", done, len(controllers) * each)
-
-            rows += map_starts(one, scenario, axes, (angles, rates), deployed, executor, advance)
+    among: Any = {"progress": progress, "workers": workers, "cluster": cluster}
+    rows = map_starts(controllers, scenario, axes, (angles, rates), deployed, **among)
     return Result(
         scenario=scenario, controllers=tuple(one.name for one in controllers),
         timestep=deployed.timestep,

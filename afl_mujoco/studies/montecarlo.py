@@ -169,13 +169,9 @@ def run(
 ) -> Result:
     """Run the samples and the searches; the result does not depend on the workers."""
     space, controllers, _, _, samples, seed, deployed, budget = request
-    total, worst = samples * len(controllers), list[Worst]()
+    worst: list[Worst] = []
+    runs = sample(controllers, space, samples, seed, deployed, progress, workers, cluster)
     with open_executor(workers, cluster) as executor:
-        progress("sampling", 0, total)
-        runs = sample(
-            controllers, space, samples, seed, deployed, executor,
-            lambda done, name: progress(f"sampling: {name}", done, total),
-        )  # fmt: skip
         for one in controllers:
             if budget is None:
                 break

@@ -12,7 +12,6 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import SWEPT, chosen, subject_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.blocks import Block, Report
 from afl_mujoco.report.numbers import MISSING, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
@@ -22,7 +21,7 @@ from afl_mujoco.studies.shared.contract import (
     Progress,
     ScenarioNames,
     Study,
-    counted,
+    compute,
     named_controllers,
     silent,
 )
@@ -184,15 +183,12 @@ def run(
     """Find the thresholds; workers and cluster do not change a bit of them."""
     controllers, scenarios, settings, names = request
     asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
-    with open_executor(workers, cluster) as executor:
-        bare = compute_all(run_bare, asked, executor)
-        sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
-        units = [unit._replace(name=name) for name in names for unit in sound]
-        progress("sweeping", 0, len(units))
-        titles = [find_imperfection(name, request.plant).title for name in names]
-        told = [f"{unit.controller.name}, {title}" for title in titles for unit in sound]
-        advance = counted(progress, "sweeping", len(units), told)
-        found = compute_all(sweep, units, executor, advance)
+    bare = compute(run_bare, asked, "as it is", progress, workers, cluster=cluster)
+    sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
+    units = [unit._replace(name=name) for name in names for unit in sound]
+    swept = [find_imperfection(name, request.plant) for name in names]
+    told = [f"{unit.controller.name}, {one.title}" for one in swept for unit in sound]
+    found = compute(sweep, units, "sweeping", progress, workers, told, cluster)
     rows: list[Run] = []
 
     def kept(runs: Sequence[Run]) -> tuple[int, ...]:
@@ -201,15 +197,13 @@ def run(
 
     first = {one.name: kept(runs) for one, runs in zip(controllers, bare, strict=True)}
     sweeps = []
-    for unit, swept in zip(units, found, strict=True):
-        one = swept._asdict()
+    for unit, one in zip(units, (x._asdict() for x in found), strict=True):
         one |= {key: kept(one[key]) for key in ("reference", "failure")}
         sweeps.append(Sweep(imperfection=unit.name, controller=unit.controller.name, **one))
-    imperfections = [find_imperfection(name, request.plant) for name in names]
     return Result(
         settings=settings,
         scenarios=scenarios,
-        imperfections=tuple(referred(one, scenarios) for one in imperfections),
+        imperfections=tuple(referred(one, scenarios) for one in swept),
         rows=tuple(rows),
         bare=first,
         sweeps=tuple(sweeps),

@@ -6,8 +6,8 @@ import pytest
 
 from afl_mujoco.identification.prediction import CHOOSE, FIT
 from afl_mujoco.report.markdown import to_markdown
-from afl_mujoco.studies.hardware import protocol, report
-from tests.study_results import hardware
+from afl_mujoco.studies.hardware import Result, protocol, report
+from tests.study_results import RESULTS
 
 
 @pytest.mark.slow
@@ -71,26 +71,30 @@ def test_a_limit_of_no_statement_and_estimates_changed_by_hand_are_refused(tmp_p
     assert "cut.json has no estimates of afl-mujoco identify: correlations and scatter must" in said
 
 
+def judged(**values: float | None) -> Result:
+    """The shipped result with some statements, their values changed."""
+    result = RESULTS["hardware"]()
+    known = {one.id: one for one in result.statements}
+    made = [replace(known[f"rig-0.5-{name}"], value=x, suspected="the drive")
+            for name, x in values.items()]  # fmt: skip
+    return replace(result, statements=tuple(made), fitted=("two",))
+
+
 def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
-    result = hardware()
+    result = judged(z=0.49, phi=0.99)
     shown = report(result)
     assert not shown.passed
-    assert shown.headline == "1 of 2 statements hold on 2 recordings · not: rig-0.5-z"
+    assert shown.headline == "1 of 2 statements hold on 20 recordings · not: rig-0.5-z"
     text = to_markdown(shown.blocks)
     assert "the drive" in text and "✗ fails" in text
     assert "No proof, if they are the same recordings: two have names" in text
-    assert report(replace(result, statements=result.statements[1:])).passed
+    assert report(judged(phi=0.99)).passed
 
 
 def test_what_recordings_cannot_tell_neither_fails_nor_holds() -> None:
-    result = hardware()
-    missed, held = result.statements
-    unknown = replace(missed, value=None, suspected="these recordings cannot tell")
-    found = report(replace(result, statements=(unknown, held)))
-    said = f"1 of 2 statements hold on 2 recordings · not decided: {unknown.id}"
+    found = report(judged(z=None, phi=0.99))
+    said = "1 of 2 statements hold on 20 recordings · not decided: rig-0.5-z"
     assert found.passed and found.headline.startswith(said)
-    both = report(replace(result, statements=(unknown, missed)))
-    assert not both.passed and f"not: {missed.id} · not decided" in both.headline
-    nothing = report(replace(result, statements=(unknown,)))
-    assert not nothing.passed  # it would validate a model by nothing
-    assert "these recordings cannot tell" in to_markdown(nothing.blocks)
+    both = report(judged(z=None, phi=0.1))
+    assert not both.passed and "not: rig-0.5-phi · not decided" in both.headline
+    assert not report(judged(z=None)).passed  # it would validate a model by nothing

@@ -1,13 +1,11 @@
 """Margins against textbook loops, simulated delays, and MuJoCo itself."""
 
 import cmath
-import itertools
 import math
 from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
 import afl_mujoco as afl
 from afl_mujoco.control.cartpole_feedback import upright_model
@@ -16,7 +14,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.studies.margins import HELD, Request, run
 from afl_mujoco.studies.shared import loop_margins as under_test
-from afl_mujoco.studies.shared.loop_margins import Loop, held_plant
+from afl_mujoco.studies.shared.loop_margins import Loop
 
 NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
@@ -108,28 +106,6 @@ def test_a_loop_that_is_not_stable_has_no_margins():
         loop_margins(unstable_lag(2.5), 0.0)
 
 
-def delayed_radius(loop, period, periods):
-    """Spectral radius of the sampled loop whose force comes some whole periods late."""
-    a, b = held_plant(loop, period, [0.0])
-    order = len(a)
-    late = np.eye(order + periods, k=-1)
-    late[:order, :order], late[order:, :order], late[:order, order:] = a, 0.0, 0.0
-    if periods:
-        late[:order, -1], late[order, :order] = b[:, 0], -loop.k[0]
-    else:
-        late[:order, :order] = a - b @ loop.k
-    return np.abs(np.linalg.eigvals(late)).max()
-
-
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("plant", [NOMINAL, LIGHT_AND_SHORT], ids=["nominal", "light"])
-def test_a_held_loop_bears_delays_of_whole_periods_up_to_its_margin(name, plant):
-    loop, period = linearize(afl.CONTROLLERS[name], plant), 1e-3
-    whole = math.floor(loop_margins(loop, period).delay / period)
-    assert delayed_radius(loop, period, whole) < 1.0
-    assert delayed_radius(loop, period, whole + 1) > 1.0
-
-
 def test_the_linearised_plant_is_the_closed_form(odd_parameters):
     for plant in (odd_parameters, NOMINAL, LIGHT_AND_SHORT):
         loop, model = linearize(afl.CONTROLLERS["lqr"], plant), upright_model(plant)
@@ -187,26 +163,6 @@ def test_a_delay_of_the_loop_is_taken_from_the_margin(share: float) -> None:
     assert alone is not None and delayed is not None
     assert delayed.delay == pytest.approx(alone.delay - share * period, rel=1e-7)
     assert (delayed.disk < alone.disk) == (share > 0.0)
-
-
-@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.0234])
-def test_the_held_plant_with_a_delay_is_what_the_forces_do(delay: float) -> None:
-    """Against the continuous plant, integrated by SciPy under the force that acts at each time."""
-    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
-    period, forces = 0.01, [1.0, -2.0, 0.5, 3.0, 0.0, 1.0]
-    a, b = held_plant(loop, period, [delay])
-    state = np.zeros(len(a))
-    state[:4] = [0.1, 0.05, -0.2, 0.3]
-    x = state[:4].copy()
-    edges = sorted({*(period * k for k in range(7)), *(period * k + delay for k in range(6))})
-    for start, end in itertools.pairwise(edge for edge in edges if edge <= 6.0 * period + 1e-12):
-        k = int(np.floor((0.5 * (start + end) - delay) / period))
-        block = np.zeros((5, 5))
-        block[:4, :4], block[:4, 4] = loop.a, loop.b[:, 0] * (forces[k] if k >= 0 else 0.0)
-        x = (expm(block * (end - start)) @ np.append(x, 1.0))[:4]
-    for force in forces:
-        state = a @ state + b[:, 0] * force
-    np.testing.assert_allclose(state[:4], x, rtol=1e-9, atol=1e-12)
 
 
 def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:

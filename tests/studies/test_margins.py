@@ -14,7 +14,6 @@ from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.studies import margins
 from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
-from tests import study_results
 
 LQR = CONTROLLERS["lqr"]
 GRID = {"cart_mass": (0.1, 1.0), "half_length": (0.05, 0.5)}
@@ -145,17 +144,16 @@ def test_a_plant_that_is_not_held_at_its_target_is_refused() -> None:
         margins.Request(weak, [LQR], {}).require()
 
 
-MADE_UP = study_results.margins()
-
-
 def matrices(result: margins.Result) -> list[list[list[str]]]:
     found = [block for block in margins.report(result).blocks if isinstance(block, Matrix)]
     return [[[cell.marked for cell in row] for row in matrix.cells] for matrix in found]
 
 
-def test_the_table_has_the_worst_of_the_stable_plants() -> None:
-    (worst,) = matrices(MADE_UP)
-    assert worst[0][:3] == ["adaptive", "continuous", "0 of 6"]
-    assert worst[1] == ["adaptive", "held", "✗ 1 of 6", "0.60", "16.6", "0.4", "0.40", "12.00",
-                        "0.1 kg, 0.05 m"]  # fmt: skip
-    assert matrices(study_results.margins(gain_increase=None))[0][1][4] == "∞"
+def test_the_table_has_the_worst_of_the_stable_plants(survey) -> None:
+    rows = {(row[0], row[1]): row[2:] for row in matrices(survey)[0]}
+    count, *_, delay, place = rows["fixed-nominal", "held"]
+    worst = survey.worst("fixed-nominal", margins.HELD, "delay")
+    assert (count, delay) == ("✗ 1 of 4", f"{1e3 * worst.delay:.2f}")
+    assert place == "{cart_mass:g} kg, {half_length:g} m".format(**worst.parameters)
+    free = replace(survey, rows=tuple(replace(row, gain_increase=None) for row in survey.rows))
+    assert matrices(free)[0][0][4] == "∞" and rows["fixed", "continuous"][0] == "0 of 4"

@@ -33,8 +33,7 @@ EULER = Deployed("Euler")
 
 
 def drawn(count=SAMPLES, space=SPACE, deployed=DEFAULT, workers=1, controllers=(LQR,), seed=1):
-    with open_executor(workers) as executor:
-        return robustness.sample(controllers, space, count, seed, deployed, executor)
+    return robustness.sample(controllers, space, count, seed, deployed, workers=workers)
 
 
 @pytest.fixture(scope="module")

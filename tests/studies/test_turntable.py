@@ -84,7 +84,7 @@ def test_the_nearest_failure_of_a_scenario_that_fails_is_itself() -> None:
     space = SampleSpace(replace(strict, ranges=Ranges(varied={"pole": (0.0, 0.2)})))
     controller = as_controller(slowing)
     with open_executor(1) as executor:
-        runs = sample([controller], space, 8, 1, DEFAULT, executor)[controller.name]
+        runs = sample([controller], space, 8, 1, DEFAULT)[controller.name]
         assert any(not run.failure for run in runs)
         found = search_worst(controller, space, runs, 1, Budget(generations=1), DEFAULT, executor)
     nearest = found[-1]

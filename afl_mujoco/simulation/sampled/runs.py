@@ -177,13 +177,10 @@ def perform(
     *,
     record: bool,
     estimates: Floats | None = None,
-    held: Sequence[float] = (),
 ) -> tuple[RunState, Floats]:
     """Run the loop; return state, inputs and commands of each instant too, if `record`."""
     at, plan, actuators = model.addresses, prepared.plan, prepared.actuators
     run, pending = new_run(at.n, at.k), no_commands(actuators)
-    if len(held):
-        pending[:] = run.drive["demand"] = run.drive["force"] = held
     rows = np.empty((plan.steps + 1 if record else 0, 2 * at.n + 2 * at.k))
     plant = (at, plan, prepared.profile, run)
     devices = (prepared.initial_state, prepared.sensors, actuators)
@@ -213,19 +210,15 @@ def simulate_sampled(
     *,
     model: SimulatedModel | None = None,
     estimates: Floats | None = None,
-    held: Sequence[float] = (),
 ) -> Trajectory:
-    """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode.
-
-    held: What the drives exert, and are still told to, before the first command; nothing if empty.
-    """
+    """Simulate a scenario with all its imperfections, as `simulate_mujoco` does in sampled mode."""
     if model is None:
         r, integrator = scenario.imperfections, deployed.integrator
         model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=r)
         model.compute_only()
     timing = timing_of(scenario, model, deployed)
     prepared = prepare(model, scenario, controller, timing)
-    run, rows = perform(model, prepared, controller, record=True, estimates=estimates, held=held)
+    run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
     return recorded(scenario, controller, timing, run, rows, deployed.integrator)
 
 

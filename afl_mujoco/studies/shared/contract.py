@@ -97,12 +97,13 @@ def compute(
     progress: Progress,
     workers: int,
     names: Sequence[str] = (),
+    cluster: str | None = None,
 ) -> list[Any]:
     """Return what a function makes of each unit, by its name if it has one, among processes."""
     if not units:
         return []
     progress(doing, 0, len(units))
-    with open_executor(min(workers, len(units))) as executor:
+    with open_executor(min(workers, len(units)), cluster) as executor:
         return compute_all(function, units, executor, counted(progress, doing, len(units), names))
 
 

@@ -34,7 +34,8 @@ from afl_mujoco.scenario.sample_space import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
+from afl_mujoco.studies.shared.contract import Progress, compute, silent
+from afl_mujoco.studies.shared.run import Rows, Run, run_all
 from afl_mujoco.studies.shared.search import (
     Budget,
     Threshold,
@@ -323,8 +324,9 @@ def sample(
     count: int,
     seed: int,
     deployed: Deployed,
-    executor: Executor,
-    advance: Callable[[int, str], None] = lambda done, controller: None,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
 ) -> Samples:
     """Run controllers on the same samples; sample i depends on neither workers nor count."""
     units = [
@@ -332,18 +334,12 @@ def sample(
         for i in range(0, count, CHUNK)
         for one in controllers
     ]
-    done = 0
-
-    def progress(index: int) -> None:
-        nonlocal done
-        controller, numbers = units[index]
-        done += len(numbers)
-        advance(done, controller.name)
-
-    parts = compute_all(partial(_run_samples, space, seed, deployed), units, executor, progress)
+    names = [one.name for one, _ in units]
+    run = partial(_run_samples, space, seed, deployed)
+    parts = compute(run, units, "sampling", progress, workers, names, cluster)
     runs: Samples = {one.name: [] for one in controllers}
-    for (one, _), part in zip(units, parts, strict=True):
-        runs[one.name] += part
+    for name, part in zip(names, parts, strict=True):
+        runs[name] += part
     return runs
 
 
@@ -460,16 +456,22 @@ def require_samples(
 # --- starts -------------------------------------------------------------------------------------
 
 
+def _run_row(deployed: Deployed, unit: tuple[Controller, list[Scenario]]) -> list[Run]:
+    controller, scenarios = unit
+    return run_all(controller, scenarios, deployed)
+
+
 def map_starts(
-    controller: Controller,
+    controllers: Sequence[Controller],
     scenario: Scenario,
     axes: tuple[str, str],
     levels: tuple[Floats, Floats],
     deployed: Deployed,
-    executor: Executor,
-    advance: Callable[[int], None] = lambda starts: None,
+    progress: Progress = silent,
+    workers: int = 1,
+    cluster: str | None = None,
 ) -> list[Run]:
-    """Run a controller from every level of two states, row by row, and last from its own start."""
+    """Run controllers from every level of two states, row by row, and last from its own start."""
     across, along = (scenario.plant.states.index(name) for name in axes)
 
     def start(x: float, y: float) -> Scenario:
@@ -478,7 +480,11 @@ def map_starts(
         return replace(scenario, initial_state=tuple(state))
 
     rows = [[start(x, y) for x in levels[0].tolist()] for y in levels[1].tolist()]
-    rows.append([scenario])
-    run = partial(run_all, controller, deployed=deployed)
-    found = compute_all(run, rows, executor, lambda i: advance(len(rows[i])))
-    return numbered(one for some in found for one in some)
+    units = [(one, row) for one in controllers for row in (*rows, [scenario])]
+    names = [one.name for one, _ in units]
+    found = compute(
+        partial(_run_row, deployed), units, "mapping", progress, workers, names, cluster
+    )
+    each = len(levels[0]) * len(levels[1]) + 1
+    runs = [run for some in found for run in some]
+    return [replace(run, draw=k % each) for k, run in enumerate(runs)]
