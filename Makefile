@@ -6,7 +6,7 @@ READY := .venv/.ready
 INSTALL := $(BIN)/python scripts/environment.py
 
 # A target for each study, by the name that its folder gives it.
-named = $(shell sed -n '/^STUDY = Study(/,/^)/s/.*\bname="\([a-z_]*\)".*/\1/p' $(1))
+named = $(shell awk 'FNR == 1 {on = 0} /^STUDY = / {on = 1} on && match($$0, /name="[a-z_]*"/) {print substr($$0, RSTART + 6, RLENGTH - 7)}' $(1))
 STUDIES := $(filter-out check,$(call named,afl_mujoco/studies/*.py)) # make check is that of the code
 QUICK = $(call named,$(shell grep -l 'quick: bool' afl_mujoco/studies/*.py))
 
