@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -27,7 +27,6 @@ from afl_mujoco.studies.shared.contract import Progress, ScenarioIfAny, Study, c
 from afl_mujoco.studies.shared.loop_margins import (
     LINEAR,
     STEP,
-    Margins,
     linear_part,
     linearize,
     loop_margins,
@@ -42,7 +41,6 @@ LEVELS, QUICK_LEVELS = 5, 2  # of each parameter that varies
 MOST_PLANTS = 10_000
 CONTINUOUS, HELD = "continuous", "held"  # how the inputs of a loop act
 
-METRICS = tuple(one.name for one in fields(Margins))  # the margins, in their order
 GROWS_WORSE = ("gain_decrease", "crossover")  # the margins whose largest value is the worst
 
 
