@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +62,8 @@ class Episode(NamedTuple):
     # of each of N instants
     rows: Floats
     which: NDArray[np.int64]
-    # the parameters that are `scheduled` at each instant, shape (N, parameters)
-    now: Floats
-    # the same as a controller assumes them: late and with an error if the scenario has such
-    # imperfections
+    # the parameters that are `scheduled` at each instant, as a controller assumes them: late and
+    # with an error if the scenario has such imperfections, shape (N, parameters)
     told: Floats
     sensors: Sensors  # the hardware
     actuators: NDArray[Any]
@@ -89,13 +86,12 @@ def episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold:
         last = none._replace(rows=model.rows(now[-1]), which=which, split=np.array([-1.0]))
         profile = Profile(*map(np.concatenate, zip(whole, last, strict=True)))
     told = told_parameters(s, at) if r.parameter_delay or s.belief != TRUTH else now
-    columns = scheduled_columns(s.plant)
-    now, told, course = now[:, columns].copy(), told[:, columns].copy(), model.course(now)
+    told, course = told[:, scheduled_columns(s.plant)].copy(), model.course(now)
     devices = sensors_of(s, hold * timestep), actuators_of(s, timestep, count)
     criterion = criterion_of(s)
     never = {name: np.full_like(getattr(criterion, name), np.inf) for name in _ENDS}
     endless = criterion._replace(**never)
-    return Episode(float(timestep), profile, *course, now, told, *devices, endless)
+    return Episode(float(timestep), profile, *course, told, *devices, endless)
 
 
 @kernel
@@ -139,7 +135,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     picture shows the current length. The instant is the whole number of timesteps nearest to
     ``data.time``, so `set_state` with MuJoCo's time in it moves along the schedule too; call
     `forward` after it. The state of the hardware, such as delayed commands, is not part of MuJoCo's
-    state: `copy` copies it, `set_state` does not change it.
+    state: `set_state` does not change it.
 
     timestep: Physics step [s], which divides the scenario's duration.
     """
@@ -177,16 +173,10 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Number of steps since t = 0."""
         return round(float(self.data.ptr.time) / self._timestep)
 
-    def parameters(self) -> Floats:
-        """Return the true parameters that are `scheduled`, after the jump where there is one."""
-        return self._at_instant(self.episode.now)
-
     def told_parameters(self) -> Floats:
-        """Return the same parameters as a controller assumes them now."""
-        return self._at_instant(self.episode.told)
-
-    def _at_instant(self, rows: Floats) -> Floats:
-        found: Floats = rows[min(self.instant, len(rows) - 1)].copy()
+        """Return the parameters that are `scheduled` as a controller assumes them now."""
+        told = self.episode.told
+        found: Floats = told[min(self.instant, len(told) - 1)].copy()
         return found
 
     def true_state(self) -> Floats:
@@ -206,10 +196,10 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Return whether the state exceeds `STATE_LIMIT` or is not finite."""
         return not within_limits(self.true_state())
 
-    def begin(self, state: Sequence[float]) -> None:
-        """Put the plant at t = 0 into a state, then apply the impulses at that instant."""
+    def begin(self) -> None:
+        """Put the plant at t = 0 into its initial state, then apply the impulses there."""
         self.data.ptr.time = 0.0
-        write_state(self.addresses, np.array(state, dtype=np.float64))
+        write_state(self.addresses, np.array(self.scenario.initial_state))
         self.run, self._seen_at = self._new_run(), ()
         self.pending[:] = 0.0
         begin_held(self.addresses, self.episode.profile, self.run)
@@ -219,7 +209,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Return to the scenario's initial state, plant included."""
         super().reset(keyframe_id)
         self._model.set_imperfections(self.scenario.imperfections)
-        self.begin(self.scenario.initial_state)
+        self.begin()
 
     def forward(self) -> None:
         """Update everything in model and data to this instant and state."""
@@ -250,26 +240,11 @@ class Physics(DmPhysics):  # type: ignore[misc]
         picture: NDArray[np.uint8] = super().render(*args, **decorated)
         return picture
 
-    def __getstate__(self) -> tuple[Any, ...]:
-        vector = self.get_state(mujoco.mjtState.mjSTATE_INTEGRATION)
-        run = RunState(*(one.copy() for one in self.run))
-        memory = (run, self.pending.copy(), self._seen_at)
-        return self.scenario, self._timestep, self._integrator, self.hold, vector, memory
+    def copy(self, share_model: bool = False) -> NoReturn:
+        """Raise: the state of the hardware is not part of MuJoCo's, and the model changes."""
+        raise InvalidValueError("Physics", "cannot be copied: load the scenario again")
 
-    def __setstate__(self, state: tuple[Any, ...]) -> None:
-        scenario, timestep, integrator, hold, vector, memory = state
-        self.__init__(scenario, timestep=timestep, integrator=integrator, hold=hold)  # type: ignore[misc]
-        self.set_state(vector, mujoco.mjtState.mjSTATE_INTEGRATION)
-        self.run, self.pending, self._seen_at = memory
-        self.forward()
-
-    def copy(self, share_model: bool = False) -> Physics:
-        """Return an independent Physics at the same instant of the same scenario."""
-        if share_model:
-            raise InvalidValueError("share_model", "must be false: the model changes", True)
-        twin = type(self).__new__(type(self))
-        twin.__setstate__(self.__getstate__())
-        return twin
+    __getstate__ = copy
 
     def _reload_from_model(self, model: Any) -> None:
         raise InvalidValueError("model", "cannot be replaced: it follows the scenario")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import with_ranges
@@ -42,16 +42,10 @@ FORCE_MARGIN = 100.0  # force [N] at which the reward's effort term is 0.1
 
 _MARGINS = np.array([PHI_MARGIN, Z_MARGIN, FORCE_MARGIN])
 
-OBSERVED, HIDDEN, PRIVILEGED = PARAMETERS = ("observed", "hidden", "privileged")
-"""Whether the observation has the parameters that may change."""
-
 DAMPING, LIGHTER = ("damping.",), ("armature.", "tip_mass_share", "pole_radius")
 """What slows a joint the faster the larger, and the smaller, it is: beginnings of imperfections."""
 
 SAMPLES = 2**31 - 1  # number of samples from which episodes are drawn
-
-ENVIRONMENT_KEYS = ("flat_observation", "time_limit")
-"""Keys that `load` accepts in ``environment_kwargs``; it sets the others itself."""
 
 
 def reward(z: ArrayLike, phi: ArrayLike, force: ArrayLike) -> Any:
@@ -112,14 +106,8 @@ class Balance(control.Task):  # type: ignore[misc]
     force_limit
         Largest force [N], below 1e6; an input whose limits in the MJCF or by its drive are closer
         has those.
-    initial_noise
-        Half-width of the uniform perturbation of each angle at t = 0 [rad].
     random
-        Seed or `numpy.random.RandomState` of that perturbation, and of the scenarios drawn.
-    parameters
-        ``"observed"``: the observation has ``parameters``, as a controller assumes them;
-        ``"privileged"``: it has ``privileged``, the true ones, for a critic or a teacher;
-        ``"hidden"``: it has neither.
+        Seed or `numpy.random.RandomState` of the scenarios drawn.
     space
         The space from which the scenario of every episode is drawn; None for always the same.
     """
@@ -128,43 +116,33 @@ class Balance(control.Task):  # type: ignore[misc]
         self,
         *,
         force_limit: float = 1000.0,
-        initial_noise: float = 0.0,
         random: int | np.random.RandomState | None = None,
-        parameters: str = OBSERVED,
         space: SampleSpace | None = None,
     ) -> None:
         self._limit = require_positive("force_limit", force_limit)
         if self._limit >= STATE_LIMIT:
             raise InvalidValueError("force_limit", f"must be below {STATE_LIMIT:g} N", self._limit)
-        self._noise = require_finite("initial_noise", initial_noise)
-        if self._noise < 0.0:
-            raise InvalidValueError("initial_noise", "must not be negative", initial_noise)
-        if parameters not in PARAMETERS:
-            raise UnknownNameError.among("parameters", parameters, PARAMETERS)
-        self.random, self.space = _random_state(random), space
-        self._parameters = parameters
+        if not isinstance(random, np.random.RandomState):
+            random = np.random.RandomState(random)
+        self.random: np.random.RandomState = random
+        self.space = space
 
     def initialize_episode(self, physics: Physics) -> None:
-        """Put the plant into the scenario's initial state, drawn and perturbed if so configured.
-
-        The scenario drawn is sample i of the space with seed 0 (`sample_scenario`), i at random.
-        """
-        scenario, start = self.draw(physics.scenario)
+        """Put the plant into the initial state of the scenario, drawn if so configured."""
+        scenario = self.draw(physics.scenario)
         if self.space is not None:
             physics.follow(scenario)
         self._reward = Reward(scenario)
-        physics.begin(start)
+        physics.begin()
 
-    def draw(self, scenario: Scenario) -> tuple[Scenario, tuple[float, ...]]:
-        """Return the scenario of an episode, the given one if none is drawn, and its start."""
-        if self.space is not None:
-            scenario = sample_scenario(self.space, int(self.random.randint(SAMPLES)), 0)
-        state = [*scenario.initial_state]
-        if self._noise > 0.0:
-            for i, name in enumerate(scenario.plant.coordinates):
-                if scenario.plant.units[name] == "rad":
-                    state[i] += self.random.uniform(-self._noise, self._noise)
-        return scenario, tuple(state)
+    def draw(self, scenario: Scenario) -> Scenario:
+        """Return the scenario of an episode, the given one if none is drawn.
+
+        The one drawn is sample i of the space with seed 0 (`sample_scenario`), i at random.
+        """
+        if self.space is None:
+            return scenario
+        return sample_scenario(self.space, int(self.random.randint(SAMPLES)), 0)
 
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Return the bounds of the inputs [N, N m]."""
@@ -184,15 +162,10 @@ class Balance(control.Task):  # type: ignore[misc]
             control[i] = min(max(force, -self._limit, low), self._limit, high)
 
     def get_observation(self, physics: Physics) -> OrderedDict[str, Floats]:
-        """Return position, velocity and, if so configured, parameters at this instant."""
-        measured = physics.measured()
-        n = len(measured) // 2
-        observation = OrderedDict(position=measured[:n], velocity=measured[n:])
-        if self._parameters == OBSERVED:
-            observation["parameters"] = physics.told_parameters()
-        elif self._parameters == PRIVILEGED:
-            observation["privileged"] = physics.parameters()
-        return observation
+        """Return position, velocity and parameters at this instant."""
+        position, velocity = np.split(physics.measured(), 2)
+        told = physics.told_parameters()
+        return OrderedDict(position=position, velocity=velocity, parameters=told)
 
     def get_reward(self, physics: Physics) -> float:
         """Return the reward after the step, 0 if the state has diverged."""
@@ -207,17 +180,6 @@ class Balance(control.Task):  # type: ignore[misc]
         return 0.0 if ended or physics.diverged() else None
 
 
-def _random_state(random: Any) -> np.random.RandomState:
-    """Return the random state that dm_control's suite would make of its argument `random`."""
-    if isinstance(random, np.random.RandomState):
-        return random
-    try:
-        return np.random.RandomState(random)
-    except (TypeError, ValueError):
-        rule = "must be a seed from 0 to 2**32 - 1, a numpy.random.RandomState or None"
-        raise InvalidValueError("random", rule, repr(random)) from None
-
-
 def load(
     scenario: str | Path | Scenario = "nominal",
     *,
@@ -225,11 +187,8 @@ def load(
     control_period: float | None = None,
     integrator: str = "RK4",
     force_limit: float = 1000.0,
-    initial_noise: float = 0.0,
     random: int | np.random.RandomState | None = None,
-    parameters: str = OBSERVED,
     randomize: bool = False,
-    environment_kwargs: Mapping[str, Any] | None = None,
 ) -> control.Environment:
     """Return a scenario as a dm_control environment, as `dm_control.suite.load` does.
 
@@ -244,15 +203,12 @@ def load(
         imperfections, else one step).
     integrator
         MuJoCo's integrator, as in `simulate_mujoco`.
-    force_limit, initial_noise, random, parameters
+    force_limit, random
         As in `Balance`.
     randomize
         Whether to draw each episode's scenario from the scenario's ``[ranges]``; one without them
         gets a random start and random laboratory hardware, as in `with_ranges`, if its plant is
         the cart-pole.
-    environment_kwargs
-        ``flat_observation`` or ``time_limit`` [s], which is the scenario's duration by default;
-        beyond the duration the plant keeps its last parameters.
 
     Returns
     -------
@@ -262,10 +218,10 @@ def load(
     Raises
     ------
     UnknownNameError
-        If there is no scenario, integrator or key of `environment_kwargs` of that name.
+        If there is no scenario or integrator of that name.
     InvalidValueError
-        If a period, the force limit or the time limit is not positive, the step does not divide
-        the control period, or a start could be fallen.
+        If a period or the force limit is not positive, or the step does not divide the control
+        period.
 
     Examples
     --------
@@ -278,31 +234,12 @@ def load(
     space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
     asked = ticks_of(scenario, timestep, control_period)
     ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
-    limits = {"force_limit": force_limit, "initial_noise": initial_noise}
-    task = Balance(**limits, random=random, parameters=parameters, space=space)
-    if initial_noise > 0.0 or randomize:
-        _require_started(scenario, space, initial_noise)
+    task = Balance(force_limit=force_limit, random=random, space=space)
     # Half a step early, so that round-off in the division by the period cannot add a period.
     early = scenario.duration - 0.5 * ticks.timestep
-    settings = {"time_limit": early, **(environment_kwargs or {})}
-    for key in settings:
-        if key not in ENVIRONMENT_KEYS:
-            raise UnknownNameError.among("environment_kwargs", key, ENVIRONMENT_KEYS)
-    if settings["time_limit"] != math.inf:
-        require_positive("time_limit", settings["time_limit"])
     physics = Physics(scenario, timestep=ticks.timestep, integrator=integrator, hold=ticks.hold)
-    return control.Environment(physics, task, n_sub_steps=ticks.hold, legacy_step=False, **settings)
-
-
-def _require_started(scenario: Scenario, space: SampleSpace | None, noise: float) -> None:
-    """Raise if an angle could start where a run ends."""
-    plant = scenario.plant
-    for name, start in zip(plant.coordinates, scenario.initial_state, strict=False):
-        if plant.units[name] == "rad" and name in scenario.ends_at:
-            ends = (start, start) if space is None else space.varied.get(name, (start, start))
-            if scenario.farthest(name, ends) + noise >= scenario.ends_at[name]:
-                rule = f"must not let {name} start fallen"
-                raise InvalidValueError("initial_noise", rule, noise)
+    settings = {"time_limit": early, "n_sub_steps": ticks.hold, "legacy_step": False}
+    return control.Environment(physics, task, **settings)
 
 
 def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:
@@ -333,9 +270,6 @@ def controller_policy(
         if time_step.first():
             own = controller.start()
         seen = time_step.observation
-        for name in ("position", "velocity", "parameters"):
-            if name not in seen:
-                raise InvalidValueError("observation", f"must hold {name!r}", ", ".join(seen))
         told[0, columns] = seen["parameters"]
         state = np.concatenate([seen["position"], seen["velocity"]])
         return np.atleast_1d(own.command(tick * period, state, own.assumed(told[0])))

@@ -1,10 +1,9 @@
-"""The Gymnasium environment of a scenario, and what wrappers make of it."""
+"""The Gymnasium environment of a scenario, and a policy that learned in it as a controller."""
 
 from __future__ import annotations
 
 import functools
 import inspect
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,20 +16,16 @@ from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
-from afl_mujoco.scenario.imperfections import require_within_stop
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
-from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Balance, load
+from afl_mujoco.simulation.task import Balance, load
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
-from afl_mujoco.values import require_finite
 
 require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
 from gymnasium import wrappers  # noqa: E402
-
-Change = Callable[[Any], Any]
 
 _OUTSIDE = (
     *(gymnasium.RewardWrapper, wrappers.NormalizeReward, wrappers.RecordEpisodeStatistics),
@@ -43,54 +38,6 @@ _OUTSIDE = (
 _OUTSIDE_NAMES = frozenset({"Monitor"})
 """The same, of Stable-Baselines3, which need not be installed."""
 
-
-def changes_of(environment: gymnasium.Env) -> tuple[Change, Change]:
-    """Return what wrappers make of the innermost environment's observation, and of an action."""
-    seen: list[Change] = []
-    done: list[Change] = []
-    layer = environment
-    while isinstance(layer, gymnasium.Wrapper):
-        if isinstance(layer, gymnasium.ObservationWrapper):
-            seen.insert(0, _observation(layer))
-        elif isinstance(layer, gymnasium.ActionWrapper):
-            _require_its_own(layer, gymnasium.ActionWrapper)
-            done.append(layer.action)
-        elif not (isinstance(layer, _OUTSIDE) or type(layer).__name__ in _OUTSIDE_NAMES):
-            rule = "must change observations or actions one by one (ObservationWrapper, "
-            raise InvalidValueError(_named(layer), f"{rule}ActionWrapper), or rewards alone")
-        layer = layer.env
-    return _in_turn(seen), _in_turn(done)
-
-
-def _observation(layer: gymnasium.ObservationWrapper) -> Change:
-    """Return what a wrapper makes of an observation; statistics as they are now."""
-    if isinstance(layer, wrappers.AddRenderObservation):
-        raise InvalidValueError(_named(layer), "must not need a picture of the environment")
-    _require_its_own(layer, gymnasium.ObservationWrapper)
-    if not isinstance(layer, wrappers.NormalizeObservation):
-        return layer.observation  # type: ignore[no-any-return]
-    if layer.update_running_mean:
-        rule = "must be frozen: set update_running_mean = False"
-        raise InvalidValueError(_named(layer), rule)
-    mean, spread = layer.obs_rms.mean.copy(), np.sqrt(layer.obs_rms.var + layer.epsilon)
-    return lambda seen: np.float32((seen - mean) / spread)
-
-
-def _require_its_own(layer: gymnasium.Wrapper, base: type) -> None:
-    """Raise if a wrapper does more at a step or a reset than its kind: it has memory."""
-    if type(layer).step is not base.step or type(layer).reset is not base.reset:  # type: ignore[attr-defined]
-        rule = "must depend on the present observation or action alone"
-        raise InvalidValueError(_named(layer), rule, "a step or reset of its own")
-
-
-def _named(layer: gymnasium.Wrapper) -> str:
-    return f"wrapper {type(layer).__name__} of the environment"
-
-
-def _in_turn(changes: list[Change]) -> Change:
-    return lambda value: functools.reduce(lambda x, change: change(x), changes, value)
-
-
 FORCE_LIMIT = 128.0
 """Force [N] of an action of 1: above the 98 N that the paper's controller needs, and a power of
 two, so that a force divided by it and multiplied again is the same to the last bit."""
@@ -102,7 +49,6 @@ STATE_SCALE = {"m": 4.0, "rad": 2.0, "m/s": 8.0, "rad/s": 8.0}
 """Scales by which observations of the state are divided, by unit."""
 
 RENDER_MODE = "rgb_array"
-OPTIONS = ("initial_state",)
 
 
 class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
@@ -139,12 +85,10 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         render_mode: str | None = None,
         control_period: float | None = None,
         force_limit: float = FORCE_LIMIT,
-        parameters: str = OBSERVED,
         randomize: bool = False,
         scaled: bool = True,
         timestep: float | None = None,
         integrator: str = "RK4",
-        initial_noise: float = 0.0,
         width: int = 480,
         height: int = 360,
         camera: str | int | None = None,
@@ -160,8 +104,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
             control_period=period,
             integrator=integrator,
             force_limit=force_limit,
-            initial_noise=initial_noise,
-            parameters=parameters,
             randomize=randomize,
         )
         self.render_mode = render_mode
@@ -172,15 +114,13 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.scale = np.concatenate([states, powers])
         if not scaled:
             self.scale = np.ones(len(self.scale))
-        if parameters != OBSERVED:
-            self.scale = self.scale[: len(states)]
         high = STATE_LIMIT / self.scale
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
-        low = np.where(never_negative[: len(high)], 0.0, -high)
+        low = np.where(never_negative, 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
         self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
-        self.parameters, self.randomize = parameters, randomize
+        self.randomize = randomize
         if camera is None:
             camera = 0 if self.dm_environment.physics.model.ncam else -1
         self._picture = {"height": height, "width": width, "camera_id": camera}
@@ -204,14 +144,9 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         if self._closed:
             raise gymnasium.error.ClosedEnvironmentError("a closed environment cannot be reset")
         super().reset(seed=seed)
-        start = initial_state(options or {}, self.scenario)
-        task, physics = self.dm_environment.task, self.dm_environment.physics
-        reseed(task, self.np_random)
+        require_no_options(options)
+        reseed(self.dm_environment.task, self.np_random)
         step = self.dm_environment.reset()
-        if start is not None:
-            require_room(start, self.scenario)
-            physics.begin(start)
-            step = step._replace(observation=task.get_observation(physics))
         self._under_way = True
         return self._flat(step), self._information()
 
@@ -255,19 +190,21 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         control = physics.control()
         force = float(control[0]) if len(control) == 1 else control.copy()
         known: dict[str, Any] = {"time": float(physics.time()), "force": force}
-        if self.parameters == PRIVILEGED:
-            known["parameters"] = physics.parameters()
         if self.randomize:
             known["sample"] = physics.scenario.name
         return known
 
     def _flat(self, step: TimeStep) -> Floats:
-        seen = step.observation
-        parts = [seen[name] for name in ("position", "velocity", "parameters") if name in seen]
-        return observed(np.concatenate(parts), self.scale)
+        return observed(np.concatenate([*step.observation.values()]), self.scale)
 
 
 CartPoleEnv = ScenarioEnv  # what it was called when there was no other plant
+
+
+def require_no_options(options: dict[str, Any] | None) -> None:
+    """Raise if a reset has options: a scenario says where an episode starts."""
+    if options:
+        raise InvalidValueError("options of reset", "must be empty", ", ".join(options))
 
 
 def reseed(task: Balance, random: np.random.Generator) -> None:
@@ -296,28 +233,33 @@ def policy_controller(
 ) -> Callable[[float, Floats, Any], Any]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    Held for the environment's control period, it repeats the episode, through its wrappers. It has
-    no memory: the policy is read and not copied.
+    Held for the environment's control period, it repeats the episode. It has no memory: the policy
+    is read and not copied.
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, ScenarioEnv):
         rule = "must be a ScenarioEnv or wrappers of one, not a vector of them"
         raise InvalidValueError("environment of a policy", rule, type(env).__name__)
+    while isinstance(environment, gymnasium.Wrapper):
+        name = type(environment).__name__
+        if not (isinstance(environment, _OUTSIDE) or name in _OUTSIDE_NAMES):
+            rule = "must change neither observations nor actions: do that in predict"
+            raise InvalidValueError(f"wrapper {name} of the environment", rule)
+        environment = environment.env
     scale, count, names = env.scale.copy(), len(env.low), scheduled(env.scenario.plant)
     inputs = env.inputs
-    see, act = changes_of(environment)
     if _asks_whether_deterministic(predict):
         predict = functools.partial(predict, deterministic=True)
 
     def policy(time: float, state: Floats, belief: Any) -> Any:
-        values = np.array([*state, *(getattr(belief, name) for name in names)])[: len(scale)]
-        action = predict(see(observed(values, scale)))
+        values = np.array([*state, *(getattr(belief, name) for name in names)])
+        action = predict(observed(values, scale))
         if isinstance(action, tuple):
             action, memory = action
             if memory is not None:
                 rule = "must not return a state: a recurrent policy has memory"
                 raise InvalidValueError("predict of a policy", rule)
-        shares = np.asarray(act(action), dtype=np.float64).ravel()
+        shares = np.asarray(action, dtype=np.float64).ravel()
         if shares.shape != (count,):
             what = (
                 "one number, the share of the largest force" if count == 1 else f"{count} numbers"
@@ -336,34 +278,3 @@ def _asks_whether_deterministic(predict: Callable[..., Any]) -> bool:
         return "deterministic" in inspect.signature(predict).parameters
     except (TypeError, ValueError):  # of a builtin
         return False
-
-
-def initial_state(options: dict[str, Any], scenario: Scenario) -> tuple[float, ...] | None:
-    """Return the initial state in the options, None if there is none."""
-    for key in options:
-        if key not in OPTIONS:
-            raise UnknownNameError.among("options of reset", key, OPTIONS)
-    if "initial_state" not in options:
-        return None
-    values, states = np.asarray(options["initial_state"], dtype=object), scenario.plant.states
-    if values.shape != (len(states),):
-        words = "four" if len(states) == 4 else f"{len(states)}"
-        raise InvalidValueError("initial_state", f"must hold {words} numbers", values.shape)
-    names = zip(states, values.tolist(), strict=True)
-    state = tuple(require_finite(f"{name} of initial_state", x) for name, x in names)
-    for name, x in zip(scenario.plant.coordinates, state, strict=False):
-        limit = scenario.ends_at.get(name, math.inf)
-        if abs(scenario.away(name, x)) >= limit:
-            target = scenario.about(name)
-            about = f" of {target:g}" if target else ""
-            rule = f"must be within {limit:.4f} {scenario.plant.units[name]}{about}"
-            raise InvalidValueError(f"{name} of initial_state", rule, f"{x:g}")
-    return state
-
-
-def require_room(state: tuple[float, ...], scenario: Scenario) -> None:
-    """Raise if an initial state lies at an end stop or beyond."""
-    for name, x in zip(scenario.plant.coordinates, state, strict=False):
-        which = f"end_stops.{name}"
-        stop, unit = scenario.imperfections.at(which), scenario.plant.units[name]
-        require_within_stop(f"{name} of initial_state", x, stop, which, unit)

@@ -1,7 +1,6 @@
 """The names under which `gymnasium.make` finds the environments; cheap to import.
 
-Gymnasium before 1.0 calls `register` by itself, through the entry point ``gymnasium.envs`` of this
-package. Since 1.0 it ignores entry points, and a package registers when it is imported.
+Gymnasium reads no entry points: a package registers when it is imported.
 """
 
 from __future__ import annotations
@@ -13,9 +12,6 @@ from typing import TYPE_CHECKING, Any
 from afl_mujoco.errors import AflMujocoError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from importlib.abc import Loader
-    from importlib.machinery import ModuleSpec
     from types import ModuleType
 
 NAMESPACE = "afl_mujoco"
@@ -70,12 +66,10 @@ def register_with_gymnasium() -> None:
 
 
 class _Watch:
-    """A module finder for Gymnasium alone, which wraps the loader that other finders return."""
+    """A module finder for Gymnasium alone, which ends the import that others find by `register`."""
 
-    def find_spec(
-        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> ModuleSpec | None:
-        """Leave every import to the other finders, but end that of Gymnasium with `register`."""
+    def find_spec(self, fullname: str, path: Any, target: Any = None) -> Any:
+        """Leave every import to the other finders."""
         if fullname != GYMNASIUM:
             return None
         sys.meta_path.remove(self)
@@ -84,27 +78,11 @@ class _Watch:
         finally:
             sys.meta_path.insert(0, self)
         if spec is not None and spec.loader is not None:
-            spec.loader = _ThenRegister(spec.loader)  # type: ignore[assignment]
+            execute = spec.loader.exec_module
+
+            def executed(module: ModuleType) -> None:
+                execute(module)
+                register()
+
+            spec.loader.exec_module = executed  # type: ignore[method-assign]
         return spec
-
-
-class _ThenRegister:
-    """The loader of Gymnasium, followed by `register`."""
-
-    def __init__(self, loader: Loader) -> None:
-        self._loader = loader
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._loader, name)
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
-        """Leave it to the loader."""
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Execute the module as its loader does, then register."""
-        module.__loader__ = self._loader
-        if module.__spec__ is not None:
-            module.__spec__.loader = self._loader
-        self._loader.exec_module(module)
-        register()

@@ -19,9 +19,8 @@ from afl_mujoco.pool import MOST_WORKERS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.gym_env.environment import (
     ScenarioEnv,
-    initial_state,
     observed,
-    require_room,
+    require_no_options,
     reseed,
 )
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
@@ -49,7 +48,7 @@ from afl_mujoco.simulation.sampled.hardware import (
     sense,
 )
 from afl_mujoco.simulation.sampled.loop import Profile
-from afl_mujoco.simulation.task import OBSERVED, PRIVILEGED, Reward
+from afl_mujoco.simulation.task import Reward
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 require_gymnasium()
@@ -68,19 +67,14 @@ class Many(NamedTuple):
     sensors: Sensors
     actuators: NDArray[Any]
     runs: RunState
-    # address and length of each array of an episode, by `_arrays`, shape (N, arrays, 2)
+    # address and length of each array of an episode, as `_begin` keeps them, shape (N, arrays, 2)
     episodes: NDArray[np.int64]
     instants: NDArray[np.int64]
-    # the state, its measurement, the parameters as they are shown, and the inputs that acted
+    # the state, its measurement, the parameters as they are told, and the inputs that acted
     truth: Floats
     seen: Floats
     told: Floats
     forces: Floats
-
-
-def _arrays(e: Episode, shown: Floats, pending: Floats) -> list[Any]:
-    """Return the arrays of an episode in the order in which compiled code takes their addresses."""
-    return [*e.profile, e.rows, e.which, shown, pending]
 
 
 def _stacked(rows: Sequence[Any]) -> Any:
@@ -156,8 +150,8 @@ def _step(part, begins, hold, timestep, endless, many, commands):
         read_state(at, many.truth[i])
         sense(at, sensors, run, many.instants[i] // hold)
         many.seen[i] = run.measured
-        shown = _floats(e[11], many.told.shape[1])
-        many.told[i] = shown[min(many.instants[i], len(shown) - 1)]
+        told = _floats(e[11], many.told.shape[1])
+        many.told[i] = told[min(many.instants[i], len(told) - 1)]
 
 
 class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
@@ -204,7 +198,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             instants=np.zeros(num_envs, dtype=np.int64),
             truth=np.zeros((num_envs, 2 * n)),
             seen=np.zeros((num_envs, 2 * n)),
-            told=np.zeros((num_envs, physics.episode.now.shape[1])),
+            told=np.zeros((num_envs, physics.episode.told.shape[1])),
             forces=np.zeros((num_envs, k)),
         )
         self._reward = Reward(physics.scenario)
@@ -226,14 +220,11 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             raise InvalidValueError("seed", f"must be {self.num_envs}", len(seeds))
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("closed environments cannot be reset")
-        asked = initial_state(options or {}, self._first.scenario)
+        require_no_options(options)
         for i in count:
             if seeds[i] is not None:
                 self._randoms[i], _ = np_random(seeds[i])
-            scenario, start, episode = self._draw(i)
-            if asked is not None:
-                require_room(asked, scenario)
-            self._begin(i, scenario, start if asked is None else asked, episode)
+            self._begin(i, *self._draw(i))
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         return self._observations(), self._information()
 
@@ -285,20 +276,21 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
             self._pool.shutdown()
         self._first.close()
 
-    def _draw(self, i: int) -> tuple[Scenario, Sequence[float], Episode]:
+    def _draw(self, i: int) -> tuple[Scenario, Episode]:
         task, physics = self._first.dm_environment.task, self._first.dm_environment.physics
         reseed(task, self._randoms[i])
-        scenario, start = task.draw(physics.scenario)
+        scenario = task.draw(physics.scenario)
         if scenario is physics.scenario:
-            return scenario, start, physics.episode
+            return scenario, physics.episode
         model = self._models[i]
         model.set_imperfections(scenario.imperfections)
-        return scenario, start, episode_of(model, scenario, self._timestep, self._hold)
+        return scenario, episode_of(model, scenario, self._timestep, self._hold)
 
-    def _begin(self, i: int, scenario: Scenario, start: Sequence[float], e: Episode) -> None:
+    def _begin(self, i: int, scenario: Scenario, e: Episode) -> None:
         many, model = self._many, self._models[i]
-        shown = e.now if self._first.parameters == PRIVILEGED else e.told
-        self._kept[i] = arrays = _arrays(e, shown, no_commands(e.actuators))
+        self._kept[i] = arrays = [
+            *e.profile, e.rows, e.which, e.told, no_commands(e.actuators)
+        ]  # fmt: skip
         many.episodes[i] = [(one.ctypes.data, len(one)) for one in arrays]
         many.actuators[i] = e.actuators
         _put(many.sensors, i, e.sensors)
@@ -307,19 +299,16 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         many.forces[i], self._samples[i] = 0.0, scenario.name
         model.set_imperfections(scenario.imperfections)
         model.compute_only()
-        many.truth[i] = start
+        many.truth[i] = scenario.initial_state
         _step(np.array([i]), True, self._hold, self._timestep, e.endless, many, many.forces)
 
     def _observations(self) -> Floats:
-        told = [self._many.told] if self._first.parameters == OBSERVED else []
-        return observed(np.concatenate([self._many.seen, *told], axis=1), self.scale)
+        return observed(np.concatenate([self._many.seen, self._many.told], axis=1), self.scale)
 
     def _information(self) -> dict[str, Any]:
         many = self._many
         forces = many.forces[:, 0] if many.forces.shape[1] == 1 else many.forces
         known = {"time": many.instants * self._timestep, "force": forces.copy()}
-        if self._first.parameters == PRIVILEGED:
-            known["parameters"] = many.told.copy()
         if self._first.randomize:
             known["sample"] = self._samples.copy()
         there = np.ones(self.num_envs, dtype=np.bool_)
