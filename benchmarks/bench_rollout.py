@@ -66,7 +66,7 @@ def loop(scenario: Scenario, integrator: str, controller: Controller) -> Callabl
     model = SimulatedModel(scenario.plant, timestep=TIMESTEP, integrator=integrator)
     timing = timing_of(scenario, model, Deployed(timestep=TIMESTEP))
     prepared = prepare(model, scenario, controller, timing)
-    return lambda: perform(model, prepared, controller, record=True)
+    return lambda: perform(model, prepared, controller)
 
 
 def bare(scenario: Scenario, integrator: str, steps: int, *, in_loop: bool) -> Callable[[], object]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 
 DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
@@ -65,28 +65,23 @@ def _margin(one: Judgement) -> float:
 
 def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
     """Judge a run by the requirements of its scenario, in the order of `asked_of`."""
-    peaks = np.abs(run.state).max(axis=0).tolist()
-    return (*judge_ending(scenario, run.outcome, peaks), *_judgements(scenario, run))
-
-
-def judge_ending(
-    scenario: Scenario, outcome: Outcome, peaks: Sequence[float]
-) -> tuple[Judgement, ...]:
-    """Judge by what needs no record: if it completes, and the largest coordinates."""
-    required, completed = scenario.required, outcome.kind == COMPLETED
+    required, completed = scenario.required, run.outcome.kind == COMPLETED
     found = []
     if "completes" in required:
         duration = scenario.duration
-        reached = duration if completed else outcome.time
+        reached = duration if completed else run.outcome.time
         left = (reached - duration) / duration
         margin = left if completed or left < 0.0 else None  # it may fall at the very end
         found.append(Judgement("completes", duration, reached, margin))
     if "end_stops" in required:
-        stops = scenario.imperfections.end_stops
-        of = dict(zip(scenario.plant.coordinates, peaks, strict=False))
+        peaks = np.abs(run.state).max(axis=0).tolist()
+        of, stops = (
+            dict(zip(run.layout.states, peaks, strict=True)),
+            scenario.imperfections.end_stops,
+        )
         judged = [_peak("end_stops", stop, of[name], completed) for name, stop in stops.items()]
         found.append(min(judged, key=_margin))
-    return tuple(found)
+    return (*found, *_judgements(scenario, run))
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
@@ -97,7 +92,8 @@ def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
 
 def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     asked, completed = scenario.requirements, run.outcome.kind == COMPLETED
-    metrics, known = run.metrics, asked_of(scenario.plant)
+    metrics = run.metrics if asked.max else {}
+    known = asked_of(scenario.plant) if asked.max else {}
     inputs = scenario.plant.inputs
     for name, limit in asked.max.items():
         share = metrics[effort_names(inputs, name)[-1]] if name in inputs else 0.0

@@ -10,11 +10,10 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import MOST_WORKERS, Task, share
-from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP, Deployed
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.simulation.judgement import DWELL, Judgement, judge, judge_ending
+from afl_mujoco.simulation.judgement import DWELL, Judgement, judge
 from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.hardware import RunState
@@ -54,18 +53,10 @@ def roll_out(
         model.set_imperfections(scenario.imperfections)
         model.compute_only()
         own, timing = bound(controller, scenario), timing_of(scenario, model, deployed)
-        asked, whole = scenario.requirements != NONE, None
-        prepared = prepare(model, scenario, own, timing)
-        done, rows = perform(model, prepared, own, record=keep or asked)
-        status, step = int(done.marks["status"]), int(done.marks["step"])
-        ended = Outcome(OUTCOMES[status], float(timing.times[step]))
-        if keep or asked:
-            whole = recorded(scenario, own, timing, done, rows, deployed.integrator)
-        if asked and whole is not None:
-            judged = judge(scenario, whole)
-        else:  # which needs no record
-            judged = judge_ending(scenario, ended, done.peak.tolist())
-        return Rollout(ended, _figures(plant, done, timing), judged, whole if keep else None)
+        done, rows = perform(model, prepare(model, scenario, own, timing), own)
+        whole = recorded(scenario, own, timing, done, rows, deployed.integrator)
+        figures, judged = _figures(plant, done, timing), judge(scenario, whole)
+        return Rollout(whole.outcome, figures, judged, whole if keep else None)
 
     def task_on(models: dict[Plant, SimulatedModel]) -> Task:
         def run_part(part: slice) -> None:

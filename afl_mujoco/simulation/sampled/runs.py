@@ -175,13 +175,12 @@ def perform(
     prepared: PreparedRun,
     controller: Controller,
     *,
-    record: bool,
     estimates: Floats | None = None,
 ) -> tuple[RunState, Floats]:
-    """Run the loop; return state, inputs and commands of each instant too, if `record`."""
+    """Run the loop; return state, inputs and commands of each instant too."""
     at, plan, actuators = model.addresses, prepared.plan, prepared.actuators
     run, pending = new_run(at.n, at.k), no_commands(actuators)
-    rows = np.empty((plan.steps + 1 if record else 0, 2 * at.n + 2 * at.k))
+    rows = np.empty((plan.steps + 1, 2 * at.n + 2 * at.k))
     plant = (at, plan, prepared.profile, run)
     devices = (prepared.initial_state, prepared.sensors, actuators)
     if (estimator := prepared.estimator) is not None:
@@ -218,7 +217,7 @@ def simulate_sampled(
         model.compute_only()
     timing = timing_of(scenario, model, deployed)
     prepared = prepare(model, scenario, controller, timing)
-    run, rows = perform(model, prepared, controller, record=True, estimates=estimates)
+    run, rows = perform(model, prepared, controller, estimates=estimates)
     return recorded(scenario, controller, timing, run, rows, deployed.integrator)
 
 

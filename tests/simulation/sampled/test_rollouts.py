@@ -63,3 +63,13 @@ def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptiv
         for name in ("iae_z", "iae_phi"):
             expected = theirs[name] and pytest.approx(theirs[name], rel=1e-12)
             assert found[name] == expected
+
+
+def test_an_end_stop_is_judged_from_0_where_the_target_is_not_there() -> None:
+    text = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
+    plant = afl.Plant(name="slide", model=text, coordinates=("x",), upright=(2.0,))
+    rail = afl.Imperfections(end_stops={"x": 2.1})
+    start = {"initial_state": {"x": 2.0, "x_dot": 1.0}, "imperfections": rail, "duration": 0.5}
+    (row,) = afl.run_all(lambda *_: (), afl.Scenario(name="s", plant=plant, **start))
+    assert row.failure == "end_stops" and row.time == pytest.approx(0.1, abs=2e-3)
