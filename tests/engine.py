@@ -17,8 +17,8 @@ def jump(model: SimulatedModel, state: Sequence[float], impulse: float) -> NDArr
 
 def episode(environment, policy):
     """Return the true states of an episode, and its last step."""
-    step, states = environment.reset(), [environment.physics.true_state()]
+    step, states = environment.reset(), [environment.physics.world.state]
     while not step.last():
         step = environment.step(policy(step))
-        states.append(environment.physics.true_state())
+        states.append(environment.physics.world.state)
     return np.array(states), step

@@ -126,7 +126,7 @@ def test_a_stiff_damper_holds_the_pole() -> None:
     (remarks,) = afl.compare(stiff, "lqr").remarks.values()
     assert any(remark.startswith("the physics step is 0.25 ms") for remark in remarks)
     env = afl.load(stiff)
-    assert env.control_timestep() == pytest.approx(1e-3) and env.physics.hold == 4
+    assert env.control_timestep() == pytest.approx(1e-3) and env.physics.world.hold == 4
 
 
 FALLS = "duration = 1.0\ninitial_state = [0.0, 0.5, 0.0, 0.0]\n[requirements]\ncompletes = false\n"

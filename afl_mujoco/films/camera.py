@@ -1,4 +1,4 @@
-"""Where the camera stands, and where a picture shows a point."""
+"""Where the camera stands."""
 
 from __future__ import annotations
 
@@ -46,21 +46,6 @@ class Standpoint:
         found.distance, found.azimuth = self.distance, self.azimuth
         found.elevation = self.elevation
         return found
-
-
-def project(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> tuple[float, float]:
-    """Return where a point [m] is in the picture, column and row [px]; NaN behind the camera."""
-    eye, scale = scene.camera[0], scale_of(scene, size, point)
-    away, forward, up = point - eye_of(scene), np.array(eye.forward), np.array(eye.up)
-    right = float(away @ np.cross(forward, up))
-    return 0.5 * size[0] + scale * right, 0.5 * size[1] - scale * float(away @ up)
-
-
-def scale_of(scene: mujoco.MjvScene, size: tuple[int, int], point: Floats) -> float:
-    """Return how large a picture shows what is at a point [px/m]; NaN behind the camera."""
-    eye = scene.camera[0]
-    depth = float((point - eye_of(scene)) @ np.array(eye.forward))
-    return 0.5 * size[1] * eye.frustum_near / eye.frustum_top / depth if depth > 0.0 else np.nan
 
 
 def eye_of(scene: mujoco.MjvScene) -> Floats:

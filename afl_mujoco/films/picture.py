@@ -12,10 +12,8 @@ from typing import Any
 import matplotlib
 import mujoco
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
@@ -24,8 +22,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
-from afl_mujoco.films.scene import GHOST, Number, Stage
-from afl_mujoco.report.style import colours
+from afl_mujoco.films.scene import GHOST, Stage
+from afl_mujoco.report.style import BLACK, colours, styled
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.simulation.decor import FORCE, PUSH, Colour
 
@@ -35,7 +33,7 @@ INK: Rgb = (238, 241, 246)
 QUIET: Rgb = (164, 172, 186)
 WARNING: Rgb = (255, 176, 102)
 DIVIDER: Rgb = (70, 80, 98)
-LIMIT = "#ffb066"
+LIMIT = "#d55e00"
 TOP, BOTTOM = (8, 10, 15), (33, 41, 56)
 """Gradient behind the scene, that of the sky of ``models/scene.xml``."""
 
@@ -48,30 +46,14 @@ BESIDE, PART_LETTERS = Frame(top=0.2, bottom=0.36), 1.15
 MOST_CURVES, LETTER = 12, 0.62
 """Most curves, and the width of a letter over its height."""
 
-READOUTS = 70  # height of the readouts at the size of the design [px]
-
-PLOT_HEIGHT = 360
-"""Height of plots for which the sizes of their letters and lines are given [px], at 100 dpi."""
+PLOT_HEIGHT = 270
+"""Height of plots for which the sizes of their letters and lines are given [px] at 100 dpi: legible
+where a film is shown at half its size."""
 
 FALLING = 0.2
 """Time before a fall in which the force is not drawn whole [s]."""
 
 LINES = ("-", "--", "-.", ":")
-LUMINANCE, LEAST_LUMINANCE = np.array([0.2126, 0.7152, 0.0722]), 0.45
-"""Luminance of red, green and blue; and the least luminance of a curve."""
-
-DARK: dict[Any, Any] = {
-    "text.parse_math": False,  # a name is shown as it is
-    "font.size": 12.0,  # legible where a film is shown at half its size
-    "figure.facecolor": "#{:02x}{:02x}{:02x}".format(*BOTTOM),
-    "axes.facecolor": "#10151f",
-    "axes.edgecolor": "#5a6478",
-    "axes.labelcolor": "#dfe3ea",
-    "grid.color": "#39435a",
-    "text.color": "#dfe3ea",
-    "xtick.color": "#a4acba",
-    "ytick.color": "#a4acba",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +101,8 @@ def frames(
             picture = np.zeros((height, width, 3), np.uint8)
             shown = zip(replays, stage.paths, behind, places, strict=False)
             for replay, path, back, (y, x) in shown:
-                drawn, marks = stage.draw(renderer, replay, index, path)
-                texts = _numbers(replay, index, marks, part, s, ending)
+                drawn = stage.draw(renderer, replay, index, path)
+                texts = _numbers(replay, index, part, s, ending)
                 picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
             if plots is not None:
                 picture[part[1] :, left:] = plots(float(replays[0].time[index]))
@@ -181,21 +163,12 @@ def _legend(
 
 
 def _numbers(
-    replay: Replay,
-    index: int,
-    marks: Sequence[Number],
-    size: tuple[int, int],
-    s: float,
-    ending: bool,
+    replay: Replay, index: int, size: tuple[int, int], s: float, ending: bool
 ) -> list[Text]:
-    """Return what changes over a run: distances along rails, readouts, how it ended."""
+    """Return what changes over a run: readouts, and how it ended."""
     width, height = size
-    texts = [
-        Text(x, y, _minus(f"{place:g} m"), 15 * s, QUIET, "mt")
-        for place, (x, y) in marks
-        if 30 * s < x < width - 30 * s and y < height - (READOUTS + 15) * s
-    ]
-    numbers = [(label, _minus(value)) for label, value in replay.readouts(index)]
+    texts: list[Text] = []
+    numbers = [(label, value.replace("-", "−")) for label, value in replay.readouts(index)]
     letters = np.array([max(16 * len(label), 24 * len(value)) for label, value in numbers])
     fit = np.cumsum(LETTER * letters + 16) <= (width - 28 * s) / s
     numbers = numbers[: int(np.count_nonzero(fit))]
@@ -213,11 +186,6 @@ def _numbers(
     ]
 
 
-def _minus(number: str) -> str:
-    """Return a number with the sign of minus."""
-    return number.replace("-", "−")
-
-
 def _rgb(colour: Colour) -> Rgb:
     red, green, blue = (round(255 * part) for part in colour[:3])
     return red, green, blue
@@ -231,7 +199,7 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
     time = replays[0].time
     end = float(time[-1] + (time[1] - time[0] if len(time) > 1 else 1.0))
     end = min(end, max(replay.end for replay in replays) + AFTERWARDS)
-    with rc_context(DARK):
+    with styled():
         dpi = 100.0 * size[1] / PLOT_HEIGHT
         figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")
         canvas = FigureCanvasAgg(figure)
@@ -248,14 +216,10 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
             rows = slice(size[1] - high + 1, size[1] - low)
             cursor = left + 1 + round((right - left - 2) * min(now / end, 1.0))
             picture[rows, left + 1 : cursor] = full[rows, left + 1 : cursor]
-            picture[rows, cursor] = INK
+            picture[rows, cursor] = 0  # black
         return picture
 
     return until
-
-
-PLAIN: dict[str, Any] = {"color": "#dfe3ea", "lw": 1.5}
-"""How curves look that are the same in every run."""
 
 
 def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[Axes], list[Line2D]]:
@@ -274,15 +238,14 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
         place = {"ylabel": label, "xlabel": below, "xlim": (0.0, end)}
         axes.append(figure.add_subplot(rows, columns, 1 + i, **place))
         axes[i].xaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10]))
-        axes[i].grid(lw=0.6)
     lines: list[Line2D] = []
     shades = colours(replay.controller for replay in replays)
     for replay, dash in zip(replays, LINES, strict=False):
         who = replay.controller
-        style: Any = {"color": _on_dark(shades[who]), "ls": dash, "lw": 1.5, "label": who}
+        style: Any = {"color": shades[who], "ls": dash, "lw": 1.2, "label": who}
         courses = (*replay.state.T[:first], *replay.inputs.T)
         for i, (axis, curve) in enumerate(zip(axes, courses, strict=False)):
-            thin = {"lw": 0.7} if i >= first else {}  # an input, in which noise shows
+            thin = {"lw": 0.6} if i >= first else {}  # an input, in which noise shows
             lines += axis.plot(replay.time, curve, **style | thin)
     count = len(lines) // len(replays)
     drives = zip(axes[first:], plant.inputs, scenario.limits, strict=False)
@@ -296,20 +259,11 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
         for limit in replays[0].limits(name):
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
     for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
-        lines += axis.plot(replays[0].time, curve, **PLAIN)
+        lines += axis.plot(replays[0].time, curve, color=BLACK, lw=1.2)
     handles = lines[: count * len(replays) : count]
     look: dict[str, Any] = {"ncols": 2, "frameon": False, "handlelength": 2.6}
     figure.legend(handles=handles, loc="outside upper center", **look)
     return axes, lines
-
-
-def _on_dark(colour: str) -> tuple[float, float, float]:
-    """Return a colour of a page's figures, mixed with white to be visible on the dark."""
-    rgb = np.array(to_rgb(colour))
-    bright = float(rgb @ LUMINANCE)
-    white = (LEAST_LUMINANCE - bright) / (1.0 - bright) if bright < LEAST_LUMINANCE else 0.0
-    red, green, blue = (rgb + (1.0 - rgb) * white).tolist()
-    return red, green, blue
 
 
 def _drawn(canvas: FigureCanvasAgg) -> Picture:

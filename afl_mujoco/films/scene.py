@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import GraphicsError, InvalidValueError
-from afl_mujoco.films.camera import Frame, Standpoint, eye_of, project, scale_of, watch
+from afl_mujoco.films.camera import Frame, Standpoint, eye_of, watch
 from afl_mujoco.films.replay import Replay
-from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import GREEK
 from afl_mujoco.simulation.decor import LARGEST, Colour, add_forces, add_tracks, drawn_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
@@ -21,8 +20,6 @@ from afl_mujoco.simulation.poses import Track, tracks
 
 SMALLEST = 128
 """Smallest side of a picture [px]."""
-
-Number = tuple[float, tuple[float, float]]
 
 GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
 
@@ -53,35 +50,22 @@ class Stage:
         rails = tracks(replays[0].plan, model, toward)
         return cls(model, mujoco.MjData(model.mj_model), paths, rails)
 
-    def add(
-        self, scene: mujoco.MjvScene, replay: Replay, index: int, wide: float
-    ) -> list[tuple[float, Floats]]:
-        """Draw a frame's ghost, forces and rails, and return the numbers of the rails.
-
-        wide: Half the width that is seen [m].
-        """
+    def add(self, scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
+        """Draw a frame's ghost, forces, end stops and limits."""
         _haunt(scene, self.model, self.ghost, replay, index)
         add_forces(scene, self.model, replay.inputs[index], replay.channels[index])
-        return add_tracks(scene, self.model, self.rails, replay.state[index], wide)
+        add_tracks(scene, self.model, self.rails, replay.state[index])
 
     def draw(
         self, renderer: mujoco.Renderer, replay: Replay, index: int, path: Standpoint
-    ) -> tuple[NDArray[np.uint8], list[Number]]:
-        """Move everything to a frame and return it, shape (height, width, 3).
-
-        With it come the numbers of rails [m], and where they are in the picture [px].
-        """
-        model = self.model
-        pose(model, replay, index)
-        renderer.update_scene(model.mj_data, path.camera(index))
-        scene, size = renderer.scene, (renderer.width, renderer.height)
+    ) -> NDArray[np.uint8]:
+        """Move everything to a frame and return it, shape (height, width, 3)."""
+        pose(self.model, replay, index)
+        renderer.update_scene(self.model.mj_data, path.camera(index))
         for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_SKYBOX):
-            scene.flags[flag] = False
-        scale = scale_of(scene, size, model.mj_data.subtree_com[0])
-        wide = 0.5 * size[0] / scale if scale > 0.0 else float(model.mj_model.stat.extent)
-        marks = self.add(scene, replay, index, wide)
-        numbers = [(number, project(scene, size, place)) for number, place in marks]
-        return np.asarray(renderer.render()), numbers
+            renderer.scene.flags[flag] = False
+        self.add(renderer.scene, replay, index)
+        return np.asarray(renderer.render())
 
 
 def pose(model: SimulatedModel, replay: Replay, index: int) -> None:
@@ -134,7 +118,6 @@ def view(replay: Replay, fps: int, speed: float) -> None:
 
     stage = Stage.of([replay], fps, (16, 9), Frame())
     model, (path,) = stage.model, stage.paths
-    wide = path.distance or float(model.mj_model.stat.extent)
     try:
         handle = mujoco.viewer.launch_passive(
             model.mj_model, model.mj_data, show_left_ui=False, show_right_ui=False
@@ -157,7 +140,7 @@ def view(replay: Replay, fps: int, speed: float) -> None:
                 viewer.user_scn.ngeom = 0
                 if path.aims is not None:  # along with what moves, from where the user stands
                     viewer.cam.lookat[:] += path.aims[index] - path.aims[before]
-                stage.add(viewer.user_scn, replay, index, wide)
+                stage.add(viewer.user_scn, replay, index)
             labels, values = zip(*replay.readouts(index), strict=True)
             lines = (f"{replay.plan.name}, {replay.controller}", *labels, replay.ended(index))
             left = "\n".join(lines).replace("Δ", "d")

@@ -1,4 +1,4 @@
-"""A plant as it is drawn: in its scene, with rails, end stops, limits, and forces as arrows."""
+"""A plant as it is drawn: in its scene, with end stops, limits, and forces as arrows."""
 
 from __future__ import annotations
 
@@ -20,16 +20,12 @@ ARROW, LONGEST = 0.07, 0.7
 """Length of an arrow over the square root of its force [1/sqrt(N)], and the most, as shares of the
 extent of the model: 1 N is visible, and 100 N is the most that is told apart."""
 
-MARKS = 5
-"""About how many marks a rail has on each side of what moves on it."""
-
 LARGEST = (1920, 1080)
 """Largest picture [pixels]."""
 
 Colour = tuple[float, float, float, float]
 FORCE: Colour = (0.25, 0.85, 0.62, 1.0)
 PUSH: Colour = (0.95, 0.45, 0.75, 1.0)
-MARK: Colour = (0.62, 0.66, 0.72, 1.0)
 STOP: Colour = (0.84, 0.37, 0.0, 1.0)
 LIMIT: Colour = (1.0, 0.69, 0.4, 1.0)
 
@@ -78,39 +74,13 @@ def add_geom(
     return geom
 
 
-def add_label(scene: mujoco.MjvScene, place: Floats, text: str) -> None:
-    """Let MuJoCo write a text at a place [m]."""
-    geom = add_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, (0.0, 0.0, 0.0), place, MARK)
-    geom.type, geom.label = int(mujoco.mjtGeom.mjGEOM_LABEL), text
-
-
 def add_tracks(
-    scene: mujoco.MjvScene,
-    model: SimulatedModel,
-    tracks: Sequence[Track],
-    state: Floats,
-    wide: float,
-) -> list[tuple[float, Floats]]:
-    """Draw rails with their marks, end stops and required limits.
-
-    wide: Half the width that is seen [m]. Returns the numbers of marks [m], and where they go [m].
-    """
-    least = max(wide, 1e-6) / MARKS
-    decade = 10.0 ** math.floor(math.log10(least))  # a step is a round one
-    step = next(share * decade for share in (1.0, 2.0, 5.0, 10.0) if least <= share * decade)
+    scene: mujoco.MjvScene, model: SimulatedModel, tracks: Sequence[Track], state: Floats
+) -> None:
+    """Draw end stops and required limits of slides."""
     size, box = model.mj_model.stat.extent, mujoco.mjtGeom.mjGEOM_BOX
-    numbers: list[tuple[float, Floats]] = []
     for track in tracks:
         turned = np.column_stack([track.along, np.cross(track.across, track.along), track.across])
-        if track.is_rail:
-            here = float(state[track.coordinate])
-            long = 2.0 * MARKS * step
-            middle = track.at + here * track.along - 0.01 * size * track.across
-            add_geom(scene, box, (long, 0.005 * size, 0.005 * size), middle, MARK, turned)
-            for k in range(math.ceil((here - long) / step), math.floor((here + long) / step) + 1):
-                spot = track.at + k * step * track.along - 0.03 * size * track.across
-                add_geom(scene, box, (0.004 * size, 0.01 * size, 0.02 * size), spot, MARK, turned)
-                numbers.append((k * step, spot - 0.04 * size * track.across))
         tall = 0.05 * size if track.is_rail else 4.0 * size  # of what moves both ways, everywhere
         for words, place in track.places:
             edge = 0.0
@@ -120,7 +90,6 @@ def add_tracks(
             spot = track.at + (place + edge) * track.along + (0.05 * size) * track.across
             half, colour = (0.015 * size, STOP) if words == "end stop" else (0.004 * size, LIMIT)
             add_geom(scene, box, (half, 0.02 * size, tall), spot, colour, turned)
-    return numbers
 
 
 def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> float:

@@ -372,16 +372,10 @@ class CartPoleModel(SimulatedModel):
     ----------
     parameters
         The plant to compile.
-    timestep
-        MuJoCo's timestep [s].
-    integrator
-        ``"RK4"``, ``"Euler"``, ``"implicit"`` or ``"implicitfast"``.
     file
         The MJCF of `models/`: ``"cartpole.xml"``, or ``"scene.xml"`` for pictures.
-    edit
-        Called with the `mujoco.MjSpec` before it is compiled, to add what the paper leaves out.
-    imperfections
-        Passive physics and mass distribution, on top of what `edit` adds.
+    **settings
+        MuJoCo's timestep [s], by default 1e-3, and its integrator, by default ``"RK4"``.
 
     Attributes
     ----------
@@ -394,27 +388,12 @@ class CartPoleModel(SimulatedModel):
         If there is no such integrator.
     InvalidValueError
         If the timestep is not positive.
-    FileError
-        If the MJCF cannot be read.
     """
 
     def __init__(
-        self,
-        parameters: CartPoleParameters,
-        *,
-        timestep: float = 1e-3,
-        integrator: str = "RK4",
-        file: str = "cartpole.xml",
-        edit: Callable[[mujoco.MjSpec], None] | None = None,
-        imperfections: Imperfections = IDEAL,
+        self, parameters: CartPoleParameters, *, file: str = "cartpole.xml", **settings: Any
     ) -> None:
-        super().__init__(
-            shown(CART_POLE, file),
-            timestep=timestep,
-            integrator=integrator,
-            edit=edit,
-            imperfections=imperfections,
-        )
+        super().__init__(shown(CART_POLE, file), **settings)
         self.set_parameters(parameters)
 
     def set_parameters(self, parameters: CartPoleParameters) -> None:

@@ -131,7 +131,7 @@ class Balance(control.Task):  # type: ignore[misc]
         """Put the plant into the initial state of the scenario, drawn if so configured."""
         scenario = self.draw(physics.scenario)
         if self.space is not None:
-            physics.follow(scenario)
+            physics.world.follow(scenario)
         self._reward = Reward(scenario)
         physics.begin()
 
@@ -164,19 +164,20 @@ class Balance(control.Task):  # type: ignore[misc]
     def get_observation(self, physics: Physics) -> OrderedDict[str, Floats]:
         """Return position, velocity and parameters at this instant."""
         position, velocity = np.split(physics.measured(), 2)
-        told = physics.told_parameters()
+        told = physics.world.told(physics.instant)
         return OrderedDict(position=position, velocity=velocity, parameters=told)
 
     def get_reward(self, physics: Physics) -> float:
         """Return the reward after the step, 0 if the state has diverged."""
         if physics.diverged():
             return 0.0
-        found = self._reward.of(physics.true_state()[None], physics.data.ptr.ctrl[None])
+        found = self._reward.of(physics.world.state[None], physics.data.ptr.ctrl[None])
         return float(found[0])
 
     def get_termination(self, physics: Physics) -> float | None:
         """Return discount 0 if a run ends here, of the cart-pole fallen, or has diverged."""
-        ended = self._reward.ended(physics.true_state()[None], physics.run.peak[None])[0]
+        world = physics.world
+        ended = self._reward.ended(world.state[None], world.run.peak[None])[0]
         return 0.0 if ended or physics.diverged() else None
 
 

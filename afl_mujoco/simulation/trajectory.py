@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import html
 import json
 import math
 from collections.abc import Mapping
@@ -256,20 +255,6 @@ class Trajectory:
     def __repr__(self) -> str:
         said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
         return printable(said)
-
-    def _repr_html_(self) -> str:
-        from afl_mujoco.simulation.metrics import label_of, unit_of
-
-        heads = ("metric", "value", "unit", "key of <code>metrics</code>")
-        head = "".join(f"<th>{one}</th>" for one in heads)
-        rows = f"<tr>{head}</tr>" + "".join(
-            f"<tr><td>{label_of(name, self.layout)}</td>"
-            f"<td>{'–' if value is None else f'{value:.5g}'}</td>"
-            f"<td>{unit_of(name, self.layout)}</td><td><code>{name}</code></td></tr>"
-            for name, value in self.metrics.items()
-        )
-        title = html.escape(f"{self._title}: {self.outcome}")
-        return f"<details><summary>{title}</summary><table>{rows}</table></details>"
 
     def save(self, path: str | Path) -> None:
         """Write the run to an npz file, whole or not at all.

@@ -135,7 +135,7 @@ def test_a_camera_and_a_light_of_the_mjcf_are_used(graphics, tmp_path, camera):
     stage = Stage.of([replay], FPS, SIZE, Frame())
     (path,) = stage.paths
     with mujoco.Renderer(stage.model.mj_model, *SIZE[::-1]) as renderer:
-        picture, _ = stage.draw(renderer, replay, 0, path)
+        picture = stage.draw(renderer, replay, 0, path)
     assert (path.aims is None) == camera and np.ptp(picture) > 50
 
 
@@ -161,7 +161,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here):
     m, d = stage.model.mj_model, stage.model.mj_data
     assert d.geom_xpos[0, 0] == pytest.approx(at + here - ref)  # MuJoCo's own
     scene = mujoco.MjvScene(m, 100)
-    add_tracks(scene, stage.model, stage.rails, replay.state[0], 2.0)
+    add_tracks(scene, stage.model, stage.rails, replay.state[0])
     boxes = [geom for geom in scene.geoms[: scene.ngeom]]
     stops = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, STOP))
     limits = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, LIMIT))

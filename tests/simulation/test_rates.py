@@ -203,7 +203,7 @@ def test_environments_step_as_the_run_does_and_a_mass_has_no_rate() -> None:
     env = afl.load(own, control_period=0.01)
     step = env.reset()
     for k in range(200):
-        np.testing.assert_array_equal(env.physics.true_state(), run.state[10 * k])
+        np.testing.assert_array_equal(env.physics.world.state, run.state[10 * k])
         step = env.step(np.array([hold(0.0, run.state[10 * k], None)]))
     assert step.reward is not None
     heavy = replace(cart_pole.parameters["cart_mass"], rate="enters")

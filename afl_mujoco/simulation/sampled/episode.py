@@ -1,0 +1,167 @@
+"""A plant that follows a scenario under commands from outside, for dm_control and Gymnasium."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from afl_mujoco.compiled import kernel
+from afl_mujoco.plants.library import mj_forward, mujoco, write_row
+from afl_mujoco.plants.plant import Floats
+from afl_mujoco.scenario.belief import TRUTH
+from afl_mujoco.scenario.ranges import scheduled_columns
+from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import instants, step_times
+from afl_mujoco.simulation.mujoco_model import (
+    SimulatedModel,
+    read_numbers,
+    read_state,
+    write_state,
+)
+from afl_mujoco.simulation.sampled.hardware import (
+    RUNNING,
+    Sensors,
+    actuators_of,
+    new_run,
+    no_commands,
+    sense,
+    sensors_of,
+)
+from afl_mujoco.simulation.sampled.loop import Plan, Profile, advance, apply_impulse, write_plant
+from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
+from afl_mujoco.simulation.trajectory import Criterion, criterion_of, within_limits
+
+_ENDS = ("ends", "tipped", "stops", "bands")  # of a criterion, what ends a run or counts as rest
+_FOREVER = 2**62  # more steps than any run has: the environment ends an episode, not the loop
+
+
+class Episode(NamedTuple):
+    """The inputs of a scenario, sampled on the physics steps until nothing changes any more."""
+
+    profile: Profile  # as in `loop.start`
+    # what is in the model at each instant, after the jump where there is one: the rows, and the row
+    # of each of N instants
+    rows: Floats
+    which: NDArray[np.int64]
+    # the parameters that are `scheduled` at each instant, as a controller assumes them: late and
+    # with an error if the scenario has such imperfections, shape (N, parameters)
+    told: Floats
+    sensors: Sensors  # the hardware
+    actuators: NDArray[Any]
+    endless: Criterion  # from where deviations are measured; nothing ends the loop
+
+
+def _episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
+    """Return the sampled inputs of a scenario, whose imperfections the model has."""
+    s, r = scenario, scenario.imperfections
+    count = len(step_times(s.duration, timestep)) - 1
+    changing = min(math.ceil(last_change(s) / timestep) + 1, count)
+    times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
+    profile = input_profile(model, s, times[: min(changing + 1, count) + 1])
+    until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
+    at = instants(times[: until + 1])
+    now = s.values(at)
+    if changing + 1 >= count:  # beyond the horizon the plant keeps what it had there
+        whole: Any = profile
+        none, which = Profile(*(np.zeros_like(x[:1]) for x in whole)), np.array([len(whole.rows)])
+        last = none._replace(rows=model.rows(now[-1]), which=which, split=np.array([-1.0]))
+        profile = Profile(*map(np.concatenate, zip(whole, last, strict=True)))
+    told = told_parameters(s, at) if r.parameter_delay or s.belief != TRUTH else now
+    told, course = told[:, scheduled_columns(s.plant)].copy(), model.course(now)
+    devices = sensors_of(s, hold * timestep), actuators_of(s, timestep, count)
+    criterion = criterion_of(s)
+    never = {name: np.full_like(getattr(criterion, name), np.inf) for name in _ENDS}
+    endless = criterion._replace(**never)
+    return Episode(profile, *course, told, *devices, endless)
+
+
+@kernel
+def _begin(at, state, profile, run):
+    """Put the plant into a state, and apply what happens at the start of the first step."""
+    write_state(at, state)
+    run.marks.written = RUNNING
+    write_plant(at, profile, run, 0)
+    apply_impulse(at, profile, run, 0, False)
+
+
+@kernel
+def _advance(at, timestep, endless, profile, rows, which, actuators, run, pending, instant, hold):
+    """Take a control period under the commands in MjData, or until the state diverges.
+
+    `run.peak` tells how far from their targets the coordinates were in it.
+    """
+    run.peak[:] = 0.0
+    read_state(at, run.after)
+    if not within_limits(run.after):
+        return instant
+    marks = run.marks
+    marks.step, marks.status, marks.written = instant, RUNNING, RUNNING
+    write_plant(at, profile, run, instant)
+    read_numbers(at.ctrl, run.command)
+    plan = Plan(_FOREVER, hold, timestep, timestep, endless)
+    advance(at, plan, actuators, profile, run, pending, np.empty((0, 0)))
+    read_state(at, run.after)
+    if not within_limits(run.after):
+        return marks.step + 1
+    write_row(at.structures, at.targets, rows[which[min(instant + hold, len(which) - 1)]])
+    mj_forward(at.model, at.data)
+    return instant + hold
+
+
+class World:
+    """A model that follows a scenario, with its hardware; instants are counted in physics steps."""
+
+    def __init__(self, model: SimulatedModel, timestep: float, hold: int) -> None:
+        self.model, self.timestep = model, timestep  # physics step [s]
+        self.hold = hold  # physics steps of a control period
+
+    def follow(self, scenario: Scenario, episode: Episode | None = None) -> None:
+        """Take a scenario of the plant, of which the episode may be known; `begin` starts it."""
+        self.scenario = scenario
+        self.model.set_imperfections(scenario.imperfections)
+        self.episode = episode or _episode_of(self.model, scenario, self.timestep, self.hold)
+
+    def begin(self) -> None:
+        """Put the plant into its initial state, then apply the impulses there."""
+        at, e = self.model.addresses, self.episode
+        self.run, self.pending = new_run(at.n, at.k), no_commands(e.actuators)
+        _begin(at, np.array(self.scenario.initial_state), e.profile, self.run)
+        self.write_at(0)
+
+    def write_at(self, instant: int) -> None:
+        """Write the parameters of an instant to the model, and bring its data up to them."""
+        at, e = self.model.addresses, self.episode
+        write_row(at.structures, at.targets, e.rows[e.which[min(instant, len(e.which) - 1)]])
+        mujoco.mj_forward(self.model.mj_model, self.model.mj_data)
+
+    def advance(self, instant: int, steps: int) -> int:
+        """Advance under the commands in MjData, which then holds what the drives exert.
+
+        Return the instant reached, an earlier one where the state diverged.
+        """
+        e = self.episode
+        reached: int = _advance(
+            self.model.addresses, self.timestep, e.endless, e.profile, e.rows, e.which, e.actuators,
+            self.run, self.pending, instant, steps,
+        )  # fmt: skip
+        return reached
+
+    def measured(self, instant: int) -> Floats:
+        """Measure the state, shape (2 n,); filters and differences must see each tick once."""
+        sense(self.model.addresses, self.episode.sensors, self.run, instant // self.hold)
+        return self.run.measured.copy()
+
+    def told(self, instant: int) -> Floats:
+        """Return the parameters that are `scheduled` as a controller assumes them."""
+        told = self.episode.told
+        found: Floats = told[min(instant, len(told) - 1)].copy()
+        return found
+
+    @property
+    def state(self) -> Floats:
+        """The true state, shape (2 n,)."""
+        data = self.model.mj_data
+        return np.concatenate([data.qpos, data.qvel])
