@@ -134,7 +134,7 @@ def film_entry(file: str, **changes: Any) -> Entry:
     values: dict[str, Any] = {
         "file": file, "poster": "none.png", "title": f"the film {file}",
         "scenario": "step-step", "controllers": ("adaptive",), "width": 64, "height": 48,
-        "fps": 10, "frames": 20, "deployment": Deployed(), "command": f"afl-mujoco render {file}",
+        "deployment": Deployed(), "command": f"afl-mujoco render {file}",
     }  # fmt: skip
     return Entry(**values | changes)
 

@@ -11,7 +11,7 @@ import numpy as np
 from afl_mujoco.films.replay import Replay
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-from afl_mujoco.simulation.poses import FLAT, corners, follow, kept, posed
+from afl_mujoco.simulation.poses import FLAT, drawn_geoms, follow, kept, poses
 
 AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
 """By how much the camera looks past the plane of motion, and above the horizon [deg]: at a motion
@@ -70,12 +70,12 @@ def watch(
         mujoco.mj_forward(model.mj_model, model.mj_data)
         x, y, _ = -model.mj_data.cam_xmat[0].reshape(3, 3)[:, 2]  # where it looks
         return [Standpoint(azimuth=float(np.degrees(np.arctan2(y, x)))) for _ in replays]
-    seen = [_moving(model, replay) for replay in replays]  # (frames, points, 3) each
+    geoms = drawn_geoms(model.mj_model)
+    seen = [poses(model, geoms, one.values, one.state).around for one in replays]
     aims, _, own = follow(seen, fps)
     around = kept(seen, aims, own)
-    bodies = int(np.count_nonzero(model.mj_model.body_weldid))
-    centres = np.concatenate([points[:, :bodies].reshape(-1, 3) for points in seen])
-    width, depth = np.ptp(centres[:, 0]), np.ptp(centres[:, 1])
+    # of the motion, not of the plant: each point by itself
+    width, depth, _ = np.max([np.ptp(points, axis=0).max(axis=0) for points in seen], axis=0)
     past, elevation = AHEAD if min(width, depth) <= FLAT * max(width, depth) else ASKANCE
     azimuth = (90.0 if width >= depth else 180.0) + past
     axes = _axes(azimuth, elevation)
@@ -89,17 +89,6 @@ def watch(
         )
         for aim in aims
     ]
-
-
-def _moving(model: SimulatedModel, replay: Replay) -> Floats:
-    """Return centres of mass and corners of what moves, in each frame, shape (N, points, 3)."""
-    m, d = model.mj_model, model.mj_data
-    geoms = np.flatnonzero(m.body_weldid[m.geom_bodyid] > 0)
-    bodies = np.flatnonzero(m.body_weldid > 0)
-    found = np.empty((len(replay.time), len(bodies) + 8 * len(geoms), 3))
-    for index in posed(model, replay.values, replay.state):
-        found[index] = np.concatenate([d.xipos[bodies], corners(m, d, geoms.tolist())])
-    return found
 
 
 def _axes(azimuth: float, elevation: float) -> Floats:

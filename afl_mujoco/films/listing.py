@@ -28,8 +28,6 @@ class Entry:
     controllers: tuple[str, ...]
     width: PositiveInt
     height: PositiveInt
-    fps: PositiveInt
-    frames: PositiveInt
     deployment: Deployed
     command: str
     inputs: dict[str, str] = field(default_factory=dict)
@@ -66,9 +64,9 @@ def list_film(folder: Path, entry: Entry) -> None:
 
 
 LEDE = (
-    "MuJoCo's plant as deployed, in real time. Its ghost is the loop without imperfections: the "
-    "plant's own equations where it has some, else MuJoCo; there a controller in Python or with a "
-    "memory is held over each control period too, and any other is continuous."
+    "MuJoCo's plant as deployed, in real time. Its ghost is the loop without imperfections, by the "
+    "plant's own equations where they can say what happens; there a controller in Python is held "
+    "over each control period too, and any other is continuous."
 )
 
 

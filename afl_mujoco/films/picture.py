@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from afl_mujoco.films.camera import Frame
-from afl_mujoco.films.replay import AFTERWARDS, Replay, last_frame
+from afl_mujoco.films.replay import AFTERWARDS, IDEAL, Replay, last_frame
 from afl_mujoco.films.scene import GHOST, Stage
 from afl_mujoco.report.style import BLACK, colours, styled
 from afl_mujoco.scenario.parameters import labelled
@@ -74,42 +74,38 @@ def frames(
 ) -> Iterator[Picture]:
     """Yield the frames of a film, each of shape (height, width, 3).
 
-    One run fills the picture. Two are above curves that grow with time; four form a square; with
-    three, the curves take the fourth place. `held` says how the controllers are deployed.
+    One run fills the picture; several are side by side above curves that grow with time. `held`
+    says how the controllers are deployed.
     """
-    (width, height), alone, two = size, len(replays) == 1, len(replays) == 2
-    part = size if alone else (2 * (width // 4), 2 * (height // 4))
+    (width, height), count, alone = size, len(replays), len(replays) == 1
+    part = size if alone else (width // count, height // 2)
     s = min(width / DESIGN[0], height / DESIGN[1]) * (1.0 if alone else PART_LETTERS)
     s = max(s, SMALLEST_LETTER / 16)  # of the labels
     frame = Frame() if alone else BESIDE
-    places = list(itertools.product((0, height - part[1]), (0, width - part[0])))
-    left = 0 if two else part[0]
-    plots = draw_plots(replays, (width - left, height - part[1])) if 1 < len(replays) < 4 else None
+    plots = None if alone else draw_plots(replays, (width, height - part[1]))
     scenario = replays[0].plan.name
     titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
     behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
     behind[0] = write(behind[0], [subtitle])
-    corner = min(1, len(replays) - 1)
-    above = max(28 * len(titles[corner]), 16 * len(subtitle.text) * alone) * LETTER * s
-    behind[corner] = write(behind[corner], _legend(replays[0], held, alone, part[0], above, s))
+    above = max(28 * len(titles[-1]), 16 * len(subtitle.text) * alone) * LETTER * s
+    behind[-1] = write(behind[-1], _legend(replays[0], held, alone, part[0], above, s))
     stage = Stage.of(replays, fps, part, frame)
     with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
         last = last_frame(replays, fps)
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
-            shown = zip(replays, stage.paths, behind, places, strict=False)
-            for replay, path, back, (y, x) in shown:
-                drawn = stage.draw(renderer, replay, index, path)
+            for k, (replay, path, back) in enumerate(
+                zip(replays, stage.paths, behind, strict=True)
+            ):
+                drawn, left = stage.draw(renderer, replay, index, path), k * part[0]
                 texts = _numbers(replay, index, part, s, ending)
-                picture[y : y + part[1], x : x + part[0]] = write(np.maximum(drawn, back), texts)
+                picture[: part[1], left : left + part[0]] = write(np.maximum(drawn, back), texts)
+                if k > 0:
+                    picture[: part[1], left] = DIVIDER
             if plots is not None:
-                picture[part[1] :, left:] = plots(float(replays[0].time[index]))
-            if not alone:
-                picture[: part[1] if two else height, part[0]] = DIVIDER
-            if len(replays) > 2:
-                picture[part[1]] = DIVIDER
+                picture[part[1] :] = plots(float(replays[0].time[index]))
             yield picture
 
 
@@ -145,7 +141,7 @@ def _legend(
     A line is left out where it does not fit beside what is written at the left, so wide [px].
     """
     short = held.removeprefix("as deployed: ")
-    lines = [(f"pale: {replay.ghost}" if replay.ghost else "", _rgb(GHOST))]
+    lines = [] if replay.ideal is None else [(f"pale: {IDEAL}", _rgb(GHOST))]
     if alone:
         lines = [
             ("solid: MuJoCo", INK),
@@ -261,7 +257,7 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
     for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
         lines += axis.plot(replays[0].time, curve, color=BLACK, lw=1.2)
     handles = lines[: count * len(replays) : count]
-    look: dict[str, Any] = {"ncols": 2, "frameon": False, "handlelength": 2.6}
+    look: dict[str, Any] = {"ncols": 4, "frameon": False, "handlelength": 2.6}
     figure.legend(handles=handles, loc="outside upper center", **look)
     return axes, lines
 

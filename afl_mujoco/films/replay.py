@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +24,8 @@ from afl_mujoco.simulation.poses import PUSHED, between, changing, said_during
 from afl_mujoco.simulation.simulate import simulate_ode
 from afl_mujoco.simulation.trajectory import Trajectory
 
+IDEAL = "ideal ODE"  # what the ghost is
+
 AFTERWARDS = 1.0
 """How long a film goes on when every run has ended, and shows a verdict at its end [s]."""
 
@@ -42,7 +43,6 @@ class Replay:
     time: NDArray[np.float64]
     state: NDArray[np.float64]  # shape (N, 2 n)
     ideal: NDArray[np.float64] | None  # the same of the ghost, if there is one
-    ghost: str  # what the ghost is
     inputs: NDArray[np.float64]  # shape (N, k)
     channels: NDArray[np.float64]  # what disturbs, shape (N, channels)
     values: NDArray[np.float64]  # parameters, shape (N, parameters)
@@ -105,7 +105,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps
         control_period=deployment.control_period,
         integrator=deployment.integrator,
     )
-    ghost, ideal = _ideal(scenario, controller, deployment)
+    ideal = _ideal(scenario, controller, deployment)
     asked = judge(scenario, run)
     times = frame_times(scenario.duration, fps)
     held = np.searchsorted(run.time, times + 1e-9, side="right") - 1
@@ -116,13 +116,12 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps
         time=times,
         state=between(run.time, run.state, times),
         ideal=None if ideal is None else between(ideal.time, ideal.state, times),
-        ghost=ghost,
         inputs=np.where(runs_on, run.inputs[held], 0.0),
         channels=np.where(runs_on, _seen_pushes(scenario, times), 0.0),
         values=scenario.values(np.minimum(times, run.outcome.time)),
         endings=tuple(
             (end.outcome.time, f"{name} {end.outcome}")
-            for name, end in (("MuJoCo", run), (ghost, ideal))
+            for name, end in (("MuJoCo", run), (IDEAL, ideal))
             if end is not None and end.outcome.time < scenario.duration
         ),
         end=run.outcome.time,
@@ -130,29 +129,20 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps
     )
 
 
-def _ideal(
-    scenario: Scenario, controller: Controller, deployment: Deployed
-) -> tuple[str, Trajectory | None]:
-    """Return what the ghost is, and its run: without imperfections, and told the truth.
+def _ideal(scenario: Scenario, controller: Controller, deployment: Deployed) -> Trajectory | None:
+    """Return the run of the ghost, without imperfections and told the truth.
 
-    It obeys the plant's equations where they can say what happens, else MuJoCo; then there is none
-    where the run itself is ideal. The commands of a Python controller are held: it may be stateful,
-    switch at every call, or count on its period.
+    It obeys the plant's equations; there is none where they cannot say what happens. The commands
+    of a Python controller are held: it may switch at every call, or count on its period.
     """
     period, plan = deployment.control_period, scenario.ideal
     informed = bound(controller.without_estimator(), plan)
     h = deployment.timestep or LONGEST_STEP
     with suppress(InvalidValueError):  # there are no equations, or they leave something out
         if informed.interpreted:
-            held = simulate_ode_held(plan, informed, timestep=h, control_period=period)
-            return "ideal ODE", held
-        return "ideal ODE", simulate_ode(plan, informed, sample_period=h)
-    if plan == scenario:
-        return "", None
-    settings: Any = {"timestep": deployment.timestep, "integrator": deployment.integrator}
-    kept = period if informed.interpreted or informed.stateful else None
-    run = simulate_mujoco(plan, informed, "sampled", control_period=kept, **settings)
-    return "ideal loop", run
+            return simulate_ode_held(plan, informed, timestep=h, control_period=period)
+        return simulate_ode(plan, informed, sample_period=h)
+    return None
 
 
 def _seen_pushes(scenario: Scenario, times: NDArray[np.float64]) -> NDArray[np.float64]:

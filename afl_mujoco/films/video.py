@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -69,8 +69,6 @@ class Film:
             controllers=names,
             width=self.size[0],
             height=self.size[1],
-            fps=self.fps,
-            frames=self.length,
             deployment=self.deployment,
             command=self.command,
             inputs=digests([self.scenario], self.controllers),
@@ -132,8 +130,8 @@ def make_films(
     with hidden_folder(folder, "films") as hidden, open_executor(workers) as executor:
         units = [(film, hidden) for film in planned]
         try:
-            for done, (index, count) in enumerate(executor(_make, units), start=1):
-                entry = replace(planned[index].entry, frames=count)
+            for done, (index, _) in enumerate(executor(_make, units), start=1):
+                entry = planned[index].entry
                 for name in (entry.poster, entry.file):
                     try:
                         (hidden / name).replace(folder / name)
@@ -147,8 +145,8 @@ def make_films(
     return [folder / film.entry.file for film in planned]
 
 
-def _make(unit: tuple[Film, Path]) -> int:
-    """Make a film in a folder, and return how many frames it has."""
+def _make(unit: tuple[Film, Path]) -> None:
+    """Make a film in a folder."""
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
     made = film.pictures(range(film.length))
@@ -160,14 +158,13 @@ def _make(unit: tuple[Film, Path]) -> int:
                     mediapy.write_image(temporary, picture, fmt="png")
             yield picture
 
-    return write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
+    write_video(pictures(), folder / entry.file, film.size, film.fps, entry.title)
 
 
 def write_video(
     pictures: Iterable[Picture], path: Path, size: tuple[int, int], fps: int, title: str
-) -> int:
-    """Write an MP4: H.264, yuv420p, playable before it has loaded, and count its frames."""
-    count = 0
+) -> None:
+    """Write an MP4: H.264, yuv420p, playable before it has loaded."""
     try:
         mediapy.set_ffmpeg(str(imageio_ffmpeg.get_ffmpeg_exe()))
     except RuntimeError:
@@ -185,14 +182,12 @@ def write_video(
                 writer.__enter__()
             for picture in pictures:
                 writer.add_image(picture)
-                count += 1
         except (BrokenPipeError, RuntimeError) as error:
             refusal = str(error) if isinstance(error, RuntimeError) else "the encoder ended early"
         finally:
             refusal = _end(writer) or refusal
         if refusal:
             raise FileError(str(path), f"cannot be written: {refusal}")
-    return count
 
 
 def _end(writer: mediapy.VideoWriter) -> str | None:

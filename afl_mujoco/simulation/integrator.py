@@ -391,7 +391,6 @@ def scipy_solver(
     longest: float = MAX_STEP,
 ) -> Solver:
     """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
-    require_tolerances(method, rtol, atol)
     settings: Any = {"method": method, "rtol": rtol, "atol": atol, "max_step": longest}
     settings["events"] = _events(criterion, 2 * len(criterion.target))
 

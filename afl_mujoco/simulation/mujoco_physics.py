@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from typing import Any, NoReturn
 
-import numpy as np
-from numpy.typing import NDArray
-
 from afl_mujoco.errors import InvalidValueError, MissingPackageError
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.decor import add_forces, add_tracks, drawn_model
-from afl_mujoco.simulation.poses import TOWARD, tracks
+from afl_mujoco.simulation.decor import drawn_model
 from afl_mujoco.simulation.sampled.episode import World
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, within_limits
 
 choose_backend()
-import mujoco  # noqa: E402  (like dm_control it reads MUJOCO_GL when imported)
 
 try:
     from dm_control.mujoco import Physics as DmPhysics
@@ -99,14 +94,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
                 raise InvalidValueError("control", rule, f"{force:g}{unit}")
         self.data.ptr.time = self.world.advance(self.instant, nstep) * self._timestep
 
-    def render(self, *args: Any, **settings: Any) -> NDArray[np.uint8]:
-        """Return a picture as dm_control does, with end stops, limits, and forces as arrows."""
-        decorated = {"scene_callback": _decorate, **settings}
-        if any(settings.get(name) for name in ("depth", "segmentation")):
-            decorated = settings
-        picture: NDArray[np.uint8] = super().render(*args, **decorated)
-        return picture
-
     def copy(self, share_model: bool = False) -> NoReturn:
         """Raise: the state of the hardware is not part of MuJoCo's, and the model changes."""
         raise InvalidValueError("Physics", "cannot be copied: load the scenario again")
@@ -115,13 +102,3 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def _reload_from_model(self, model: Any) -> None:
         raise InvalidValueError("model", "cannot be replaced: it follows the scenario")
-
-
-def _decorate(physics: Physics, scene: mujoco.MjvScene) -> None:
-    """Draw end stops, limits and forces."""
-    model, held = physics._model, physics.world.episode.profile.push
-    along = held[min(physics.instant, len(held) - 1)]  # coordinates
-    exerted = np.array(physics.data.ptr.ctrl)
-    add_forces(scene, model, exerted, np.concatenate([np.zeros_like(exerted), along]))
-    place, slides = np.array(physics.data.ptr.qpos), tracks(physics.scenario, model, TOWARD)
-    add_tracks(scene, model, slides, place)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -61,7 +61,7 @@ def simulate_ode(
     method: str = "DOP853",
     rtol: float = RTOL,
     atol: float = ATOL,
-    trees: Trees | None = None,
+    trees: Any = None,
 ) -> Trajectory:
     """Simulate the equations of a plant, by default the paper's, restarted at every breakpoint.
 
@@ -116,7 +116,7 @@ def solve_ode(
     rtol: float = RTOL,
     atol: float = ATOL,
     longest_step: float | None = None,
-    trees: Trees | None = None,
+    trees: Any = None,
 ) -> tuple[Floats, Floats, Outcome]:
     """Return only the times [s], the states reached and the outcome of `simulate_ode`."""
     scenario.require_ideal()
@@ -284,10 +284,20 @@ def _solve(loop, limits, start, end, state, times, options, work, found):
     return dop853.solve(loop_rates, loop, limits, start, end, state, times, options, work, found)
 
 
-class Motion:
-    """The equations of a plant; where rates of parameters act, a tree says what they do."""
+class Loop:
+    """The equations of a plant under a controller, or under inputs that are given.
 
-    def __init__(self, scenario: Scenario, trees: Trees | None = None) -> None:
+    Where rates of parameters act, a tree says what they do: `simulate.MovingTrees`.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        trees: Any = None,
+        controller: Controller | None = None,
+        *,
+        continuous: bool = True,
+    ) -> None:
         plant, self.scenario, self.trees = scenario.plant, scenario, trees
         n, k, j = len(plant.coordinates), len(plant.inputs), len(plant.parameters)
         self.equations: Equations | None = None
@@ -310,6 +320,10 @@ class Motion:
         self.segment = scenario.segments[0]  # what is integrated now
         self.dynamics = Dynamics(kind, n, k, low, high, address, 0)
         self.space = Space(*(np.zeros(count) for count in (j, k, k, size, n)))
+        if controller is not None:
+            self.laws = Laws(controller, scenario, continuous=continuous)
+            if self.laws.callback is not None:
+                self.called.append(self.laws.callback)
 
     def _drag(self, time: float, state: Any, _: Any, __: Any, out: Floats) -> None:
         """Write by how much rates of parameters lower the accelerations."""
@@ -344,23 +358,6 @@ class Motion:
         if self.equations is None:
             return hit
         return _arrival(self.scenario, self.equations, self.trees)
-
-
-class Loop(Motion):
-    """The loop of a plant's own equations and a controller."""
-
-    def __init__(
-        self,
-        scenario: Scenario,
-        trees: Trees | None,
-        controller: Controller,
-        *,
-        continuous: bool = True,
-    ) -> None:
-        super().__init__(scenario, trees)
-        self.laws = Laws(controller, scenario, continuous=continuous)
-        if self.laws.callback is not None:
-            self.called.append(self.laws.callback)
 
     def _on(self, segment: Segment) -> tuple[Dynamics, Line, Line, Law, Space]:
         self.segment, line = segment, line_of(segment)
@@ -399,17 +396,7 @@ def hit(state: Floats, before: Segment | None, after: Segment) -> Floats:
     return state
 
 
-class Trees(Protocol):
-    """The tree of a plant at rest, and as it moves under rates of parameters."""
-
-    def at(self, values: Floats, rates: Floats) -> tuple[Tree, Tree]:
-        """Return both with some parameters and rates."""
-
-    def along(self, segment: Segment, time: float) -> tuple[Tree, Tree]:
-        """Return both at a time of a segment."""
-
-
-def _arrival(scenario: Scenario, equations: Equations, trees: Trees | None) -> Transition:
+def _arrival(scenario: Scenario, equations: Equations, trees: Any) -> Transition:
     """Return the effect of a breakpoint on the state of any plant, from its own equations."""
     plant = scenario.plant
     n, k, enters = len(plant.coordinates), len(plant.inputs), plant.entering
@@ -443,7 +430,7 @@ def _arrival(scenario: Scenario, equations: Equations, trees: Trees | None) -> T
     return arrive
 
 
-def _carried(trees: Trees | None, values: Floats, rates: Floats, q: Any) -> tuple[Floats, Floats]:
+def _carried(trees: Any, values: Floats, rates: Floats, q: Any) -> tuple[Floats, Floats]:
     """Return the momenta that rates give a plant at rest, N p', and its mass matrix."""
     if not rates.any():
         return np.zeros(len(q)), np.eye(len(q))
@@ -453,7 +440,7 @@ def _carried(trees: Trees | None, values: Floats, rates: Floats, q: Any) -> tupl
     return _needed(still, moving._replace(drift=drift), q, np.zeros(len(q)))
 
 
-def _given(trees: Trees | None) -> Trees:
+def _given(trees: Any) -> Any:
     if trees is None:
         raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
     return trees

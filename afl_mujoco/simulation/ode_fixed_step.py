@@ -25,7 +25,6 @@ from afl_mujoco.scenario.time_steps import cut_period, held_disturbances, step_t
 from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.ode import (
     Loop,
-    Motion,
     held_rates,
     line_of,
     loop_rates,
@@ -249,12 +248,12 @@ def held_steps(scenario: Scenario, run: Trajectory) -> Floats:
     step = run.provenance["settings"]["timestep"]
     steps = np.diff(run.time)
     steps[np.abs(steps - step) < 1e-9] = step
-    motion, after = Motion(scenario), np.empty((len(steps), run.state.shape[1]))
+    loop, after = Loop(scenario), np.empty((len(steps), run.state.shape[1]))
     line = line_of(scenario.segments[0])
     values = scenario.values(0.5 * (run.time[:-1] + run.time[1:]))
     arrays = (values, held_disturbances(scenario, run.time).push, steps, work_space(after.shape[1]))
-    with motion.watched():
-        _held_steps(motion.dynamics, line, motion.space, run.state, run.inputs, *arrays, after)
+    with loop.watched():
+        _held_steps(loop.dynamics, line, loop.space, run.state, run.inputs, *arrays, after)
     return after
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import itertools
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -33,7 +33,6 @@ LOST = 50.0  # beyond this many times its own size from the camera's aim a plant
 ROOM = 1.1  # size of a view over that of what it keeps in view
 HIDDEN = 3  # the first of the groups of geoms that MuJoCo's viewer hides
 PUSHED = 0.25  # how long an impulse is said at least [s]
-TOWARD = np.array([0.0, -1.0, 0.0])  # where one stands who sees a motion along x and z
 
 
 class Track(NamedTuple):
@@ -62,16 +61,6 @@ def drawn_geoms(m: mujoco.MjModel) -> list[int]:
     return [int(one) for one in np.flatnonzero(seen)]
 
 
-def posed(model: SimulatedModel, values: Floats, states: Floats) -> Iterator[int]:
-    """Yield the number of each instant, with its parameters and state in the model."""
-    at, (rows, which) = model.addresses, model.course(values)
-    for k, state in enumerate(states):
-        write_row(at.structures, at.targets, rows[which[k]])
-        write_state(at, state)
-        mujoco.mj_kinematics(model.mj_model, model.mj_data)
-        yield k
-
-
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
     """Return poses with the parameters of each instant written into the model."""
     m, d, count = model.mj_model, model.mj_data, len(states)
@@ -80,7 +69,11 @@ def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: F
     rotations = np.empty((count, len(geoms), 3, 3))
     bodies = [] if moving else np.flatnonzero(m.body_weldid).tolist()  # of what is not drawn
     around = np.empty((count, 8 * len(moving) + len(bodies), 3))
-    for k in posed(model, values, states):
+    at, (rows, which) = model.addresses, model.course(values)
+    for k, state in enumerate(states):
+        write_row(at.structures, at.targets, rows[which[k]])
+        write_state(at, state)
+        mujoco.mj_kinematics(m, d)
         rotations[k] = d.geom_xmat[geoms].reshape(-1, 3, 3)
         for g, one in enumerate(geoms):
             _, sizes[k, g], middle = shape_of(m, one)

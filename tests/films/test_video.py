@@ -14,7 +14,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
-from afl_mujoco.films.listing import LISTING, load_listing
+from afl_mujoco.films.listing import LISTING
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 from afl_mujoco.scenario.time_steps import Deployed
@@ -57,10 +57,8 @@ def test_a_film_stops_a_second_after_every_run_has_fallen(graphics, growing, tmp
     falling = replace(growing, initial_state=(0.0, 1.5, 0.0, 8.0), duration=3.0)
     film = side_by_side(falling, CONTROLLERS[:2], size=SIZE)
     (file,) = make_films([film], tmp_path)
-    (entry,) = load_listing(tmp_path)
     end = max(record(falling, one, Deployed(), 30).end for one in CONTROLLERS[:2])
-    assert len(decode(file)[1]) == entry.frames == math.ceil(30 * (end + 1.0)) + 1
-    assert entry.frames < film.length
+    assert len(decode(file)[1]) == math.ceil(30 * (end + 1.0)) + 1 < film.length
 
 
 def test_a_film_knows_its_limits_and_verdict_and_a_fallen_run_stands_still(growing):

@@ -5,13 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate._ivp.common import select_initial_step
 
 import afl_mujoco as afl
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.cartpole_equations import terms
 from afl_mujoco.scenario.time_steps import time_grid
-from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
@@ -135,41 +133,3 @@ def test_a_fall_is_found_when_scipy_finds_it(start):
     assert run.outcome.kind == outcome.kind == "fell"
     assert run.outcome.time == pytest.approx(outcome.time, abs=1e-11)
     assert np.abs(run.state - states).max() < 1e-9
-
-
-@pytest.mark.parametrize("size", [0.0, 1e-9, 1.0, 1e3])
-@pytest.mark.parametrize("rate", [0.0, 1e-9, 1.0, 1e3])
-def test_the_first_step_is_scipys(size, rate):
-    state = size * np.array([1.0, -0.3, 0.5, 0.2])
-    rtol, atol, longest = 1e-9, 1e-11, 0.5
-
-    def rates(_, time, x, out):
-        out[:] = rate * np.array([0.5, np.cos(x[0] + time), -x[1], 1.0])
-
-    slopes, point = np.zeros((dop853.ROWS, 4)), np.zeros(4)
-    rates(None, 0.0, state, slopes[0])
-
-    def rate_of(time, x):
-        rates(None, time, x, out := np.zeros(4))
-        return out
-
-    asked = (rate_of, 0.0, state, 1e9, longest, slopes[0].copy(), 1, 7, rtol, atol)
-    ours = dop853.first_step(rates, None, 0.0, state, longest, slopes, point, rtol, atol)
-    assert ours == pytest.approx(select_initial_step(*asked), rel=1e-12)
-
-
-@pytest.mark.parametrize("which", range(4))
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_where_a_slope_has_no_value_no_step_is_tried(which, value):
-    asked = []
-
-    def rates(_, time, x, out):
-        asked.append(time)
-        out[:] = 1.0
-        out[which] = value
-
-    work, found = np.full_like(dop853.work_space(4), np.nan), np.empty((1, 4))
-    limits, options = criterion_of(SCENARIO), (1e-9, 1e-9, 1.0)
-    end = (np.ones(4), np.ones(1), options, work, found)
-    assert dop853.solve(rates, None, limits, 0.0, 1.0, *end) == (0, 0.0, dop853.STUCK)
-    assert asked == [0.0]
