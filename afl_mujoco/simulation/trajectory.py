@@ -340,31 +340,23 @@ def within_limits(state):
 
 
 class Criterion(NamedTuple):
-    """When a run ends before its horizon, and when it counts as settled."""
+    """When a run ends before its horizon."""
 
     target: Floats  # where the coordinates should be, shape (n,)
     wraps: NDArray[np.bool_]  # whether a deviation from it is taken modulo 2 pi, shape (n,)
     ends: Floats  # deviations that end a run as fallen, inf for none, shape (n,)
     tipped: Floats  # beyond these, a run that cannot go on fell, shape (n,)
-    stops: Floats  # end stops to either side of 0, inf for none, shape (n,)
-    bands: Floats  # deviations and rates within which a run is settled, shape (2n,)
-    dwell: int = 0  # the run ends as settled after this many steps within the bands; 0 for never
 
 
-def criterion_of(scenario: Scenario, dwell: int = 0) -> Criterion:
-    """Return when a run of a scenario ends, and when it counts as settled."""
+def criterion_of(scenario: Scenario) -> Criterion:
+    """Return when a run of a scenario ends before its horizon."""
     plant, names = scenario.plant, scenario.plant.coordinates
     ends = np.array([scenario.ends_at.get(name, math.inf) for name in names])
-    stops = [scenario.imperfections.end_stops.get(name, math.inf) for name in names]
-    bands = [scenario.band(name) for name in names] + [math.inf] * len(names)
     return Criterion(
         target=np.array(scenario.target),
         wraps=np.array([name in plant.wraps for name in names]),
         ends=ends,
         tipped=TIPPED / FALL_ANGLE * ends,
-        stops=np.array(stops),
-        bands=np.array(bands),
-        dwell=dwell,
     )
 
 

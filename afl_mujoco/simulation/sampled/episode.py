@@ -34,7 +34,6 @@ from afl_mujoco.simulation.sampled.loop import Plan, Profile, advance, apply_imp
 from afl_mujoco.simulation.sampled.runs import input_profile, last_change, told_parameters
 from afl_mujoco.simulation.trajectory import Criterion, criterion_of, within_limits
 
-_ENDS = ("ends", "tipped", "stops", "bands")  # of a criterion, what ends a run or counts as rest
 _FOREVER = 2**62  # more steps than any run has: the environment ends an episode, not the loop
 
 
@@ -72,9 +71,8 @@ def _episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold
     told = told_parameters(s, at) if r.parameter_delay or s.belief != TRUTH else now
     told, course = told[:, scheduled_columns(s.plant)].copy(), model.course(now)
     devices = sensors_of(s, hold * timestep), actuators_of(s, timestep, count)
-    criterion = criterion_of(s)
-    never = {name: np.full_like(getattr(criterion, name), np.inf) for name in _ENDS}
-    endless = criterion._replace(**never)
+    never = np.full(len(s.target), np.inf)
+    endless = criterion_of(s)._replace(ends=never, tipped=never)
     return Episode(profile, *course, told, *devices, endless)
 
 

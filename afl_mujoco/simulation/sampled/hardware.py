@@ -75,15 +75,11 @@ integral of its square [N^2 step] and its total variation [N], exact for its cou
 steps.
 """
 
-MARKS = np.dtype(
-    [(name, np.int64) for name in ("status", "step", "unsettled", "at_stop", "written")]
-)
+MARKS = np.dtype([(name, np.int64) for name in ("status", "step", "written")])
 """How far a run is.
 
-``status``: `RUNNING`, `SETTLED` or an index into `OUTCOMES`. ``step``: the step that the run has
-reached. ``unsettled``: the first step from which the state has stayed within the bands.
-``at_stop``: the step at which a coordinate reached an end stop, -1 if none did. ``written``: the
-row of the profile that the model has, -1 for none.
+``status``: `RUNNING` or an index into `OUTCOMES`. ``step``: the step that the run has reached.
+``written``: the row of the profile that the model has, -1 for none.
 """
 
 RUNNING = -1  # the status of a run that has not ended
@@ -161,7 +157,7 @@ def actuators_of(scenario: Scenario, timestep: float, steps: int) -> NDArray[Any
 def new_run(n: int = 2, k: int = 1) -> RunState:
     """Return the state of a run that has not begun: no force, no measurement, nothing written."""
     marks = np.zeros(1, MARKS)
-    marks["status"] = marks["at_stop"] = marks["written"] = RUNNING
+    marks["status"] = marks["written"] = RUNNING
     of_states = {name: np.zeros(2 * n) for name in ("measured", "seen", "before", "after")}
     others = {"peak": np.zeros(n), "iae": np.zeros(n), "space": np.zeros(k + 5 * n)}
     return RunState(marks[0], np.zeros(k, DRIVE), np.zeros(k), **of_states, **others)

@@ -46,9 +46,6 @@ from afl_mujoco.simulation.trajectory import (
     within_limits,
 )
 
-SETTLED = len(OUTCOMES)
-"""The status of a run that ended early, settled for the dwell of its criterion."""
-
 _COMPLETED, _FELL = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL)
 
 
@@ -169,15 +166,9 @@ def _enter(at, plan, profile, run, record, k):
     for i in range(n):
         away = abs(deviation(state[i], criterion.target[i], criterion.wraps[i]))
         run.peak[i] = max(run.peak[i], away)
-        if not (away <= criterion.bands[i] and abs(state[n + i]) <= criterion.bands[n + i]):
-            marks.unsettled = k + 1
-        if abs(state[i]) >= criterion.stops[i] and marks.at_stop < 0:
-            marks.at_stop = k
         fallen = fallen or away >= criterion.ends[i]
     if fallen:
         marks.status = _FELL
-    elif criterion.dwell > 0 and k - marks.unsettled >= criterion.dwell:
-        marks.status = SETTLED
     elif k == plan.steps:
         marks.status = _COMPLETED
     else:

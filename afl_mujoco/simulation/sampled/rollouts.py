@@ -1,51 +1,41 @@
-"""Many sampled runs on several threads: how each ended and a few figures, not the whole run."""
+"""Many sampled runs on several threads, each made into what is kept of it."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeVar
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, require_count
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import MOST_WORKERS, Task, share
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import SNAP, Deployed
+from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.simulation.judgement import DWELL, Judgement, judge
-from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-from afl_mujoco.simulation.sampled.hardware import RunState
-from afl_mujoco.simulation.sampled.runs import Timing, perform, prepare, recorded, timing_of
-from afl_mujoco.simulation.trajectory import COMPLETED, OUTCOMES, Outcome, Trajectory
+from afl_mujoco.simulation.sampled.runs import perform, prepare, recorded, timing_of
+from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory
 
-
-class Rollout(NamedTuple):
-    """One run: how it ended, its figures by name, how it meets its requirements."""
-
-    outcome: Outcome
-    # largest deviations, integrals of their magnitudes, largest commands and inputs, the time from
-    # which it was settled and that at which it reached an end stop; None for a missing one
-    figures: dict[str, float | None]
-    requirements: tuple[Judgement, ...]
-    trajectory: Trajectory | None  # where it is kept
+Row = TypeVar("Row")
 
 
 def roll_out(
     scenarios: Sequence[Scenario],
     controller: Controller,
     deployed: Deployed,
+    row: Callable[[Scenario, Trajectory, Mapping[str, float]], Row],
     *,
     threads: int = 1,
-    keep: bool = False,
     caught: tuple[type[AflMujocoError], ...] = (),
-) -> list[Rollout | AflMujocoError]:
-    """Return runs, with `keep` their trajectories too, or the errors that are caught."""
+) -> list[Row | AflMujocoError]:
+    """Return what `row` makes of each run, or the error that is caught.
+
+    row: Called with a scenario, its run, and the integrals that the loop summed up along it.
+    """
     require_count("threads", threads, 1, MOST_WORKERS)
     found: list[Any] = [None] * len(scenarios)
 
-    def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Rollout:
+    def run(models: dict[Plant, SimulatedModel], scenario: Scenario) -> Row:
         plant = scenario.plant
         if plant not in models:
             models[plant] = SimulatedModel(plant, integrator=deployed.integrator)
@@ -55,8 +45,9 @@ def roll_out(
         own, timing = bound(controller, scenario), timing_of(scenario, model, deployed)
         done, rows = perform(model, prepare(model, scenario, own, timing), own)
         whole = recorded(scenario, own, timing, done, rows, deployed.integrator)
-        figures, judged = _figures(plant, done, timing), judge(scenario, whole)
-        return Rollout(whole.outcome, figures, judged, whole if keep else None)
+        completed = whole.outcome.kind == COMPLETED  # a part of the horizon cannot be compared
+        integrals = zip(plant.coordinates, done.iae.tolist(), strict=True)
+        return row(scenario, whole, {f"iae_{x}": y for x, y in integrals} if completed else {})
 
     def task_on(models: dict[Plant, SimulatedModel]) -> Task:
         def run_part(part: slice) -> None:
@@ -73,20 +64,3 @@ def roll_out(
     tasks = [task_on({}) for _ in range(count)]
     share(len(scenarios), tasks, part=1)
     return found
-
-
-def _figures(plant: Plant, run: RunState, timing: Timing) -> dict[str, float | None]:
-    marks, times = run.marks, timing.times
-    steps, settled, stopped = (int(marks[name]) for name in ("step", "unsettled", "at_stop"))
-    dwelled = settled <= steps and times[steps] - times[settled] >= DWELL - SNAP * timing.timestep
-    completed = OUTCOMES[int(marks["status"])] == COMPLETED
-    found = {f"peak_{name}": float(x) for name, x in zip(plant.coordinates, run.peak, strict=True)}
-    for name, drive in zip(plant.inputs, run.drive, strict=True):
-        command, force, *_ = effort_names(plant.inputs, name)
-        found[command], found[force] = float(drive["max_command"]), float(drive["max_force"])
-    found |= {f"iae_{name}": float(x) for name, x in zip(plant.coordinates, run.iae, strict=True)}
-    found["settling_time"] = float(times[settled]) if completed and dwelled else math.nan
-    found["stop_time"] = float(times[stopped]) if stopped >= 0 else math.nan
-    if not completed:  # a part of the horizon cannot be compared
-        found |= dict.fromkeys((f"iae_{name}" for name in plant.coordinates), math.nan)
-    return {name: x if math.isfinite(x) else None for name, x in found.items()}

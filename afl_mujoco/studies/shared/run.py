@@ -26,7 +26,7 @@ from afl_mujoco.simulation.judgement import (
     settling_time,
 )
 from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, criterion_of
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
 
 
 def columns_of(plant: Plant) -> tuple[str, ...]:
@@ -204,50 +204,47 @@ def run_kept(
     from afl_mujoco.errors import AflMujocoError
     from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
 
+    def made(scenario: Scenario, run: Trajectory, integrals: Mapping[str, float]) -> Any:
+        return run_of(scenario, controller, run, integrals), run if keep else None
+
     caught = (ControllerError, GainError)
-    found = roll_out(scenarios, controller, deployed, threads=threads, keep=keep, caught=caught)
+    found = roll_out(scenarios, controller, deployed, made, threads=threads, caught=caught)
     return [
-        (_failed(scenario, controller, str(one)), None)
-        if isinstance(one, AflMujocoError)
-        else (_row(scenario, controller, *one[:3], one.figures["stop_time"]), one.trajectory)
+        (_failed(scenario, controller, str(one)), None) if isinstance(one, AflMujocoError) else one
         for scenario, one in zip(scenarios, found, strict=True)
     ]
 
 
-def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
-    """Return the row of a run that any simulator made."""
-    stops = criterion_of(scenario).stops
-    reached = (np.abs(run.state[:, : len(stops)]) >= stops).any(axis=1)
-    figures = run.metrics | {"settling_time": settling_time(scenario, run)}
-    stopped, asked = float(run.time[np.argmax(reached)]), judge(scenario, run)
-    return _row(scenario, controller, run.outcome, figures, asked, stopped)
+def run_of(
+    scenario: Scenario,
+    controller: Controller,
+    run: Trajectory,
+    integrals: Mapping[str, float] | None = None,
+) -> Run:
+    """Return the row of a run that any simulator made, with the integrals that it summed up."""
+    requirements, ended = judge(scenario, run), run.outcome.time
+    failure = failure_of(run.outcome.kind, requirements)
+    if failure == "end_stops":  # when it reached one
+        stops = scenario.imperfections.end_stops
+        away = np.abs(run.state[:, [scenario.plant.states.index(name) for name in stops]])
+        ended = float(run.time[np.argmax((away >= [*stops.values()]).any(axis=1))])
+    settled = settling_time(scenario, run)
+    figures = {**run.metrics, **(integrals or {}), "settling_time": settled}
+    return Run(
+        scenario=scenario.name,
+        controller=controller.name,
+        outcome=run.outcome.kind,
+        failure=failure,
+        settled=settled is not None,
+        time=ended,
+        metrics={name: figures.get(name) for name in columns_of(scenario.plant)},
+        requirements=requirements,
+    )
 
 
 def numbered(runs: Iterable[Run]) -> list[Run]:
     """Return runs with their number as their draw."""
     return [replace(run, draw=number) for number, run in enumerate(runs)]
-
-
-def _row(
-    scenario: Scenario,
-    controller: Controller,
-    outcome: Outcome,
-    figures: Mapping[str, float | None],
-    requirements: tuple[Judgement, ...],
-    stopped: float | None,
-) -> Run:
-    """Return the row of a run; `stopped` is when it reached an end stop, if it did [s]."""
-    failure = failure_of(outcome.kind, requirements)
-    return Run(
-        scenario=scenario.name,
-        controller=controller.name,
-        outcome=outcome.kind,
-        failure=failure,
-        settled=figures["settling_time"] is not None,
-        time=stopped if failure == "end_stops" else outcome.time,
-        metrics={name: figures.get(name) for name in columns_of(scenario.plant)},
-        requirements=requirements,
-    )
 
 
 def _failed(scenario: Scenario, controller: Controller, message: str) -> Run:
