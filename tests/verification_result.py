@@ -11,7 +11,7 @@ import afl_mujoco as afl
 from afl_mujoco.files import write_json
 from afl_mujoco.films.listing import LISTING, Entry, Listing
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.metrics import UNITS
+from afl_mujoco.simulation.metrics import metric_names
 from afl_mujoco.studies.validate import Result, verdict_of
 from afl_mujoco.studies.verify import claims
 from afl_mujoco.studies.verify.cases import REPORTED, Settings, Simulated
@@ -58,7 +58,7 @@ def make_result(
     outcome: str = "completed",
 ) -> Result:
     places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
-    checks, metrics = make_checks(places, b3), dict.fromkeys(UNITS) | _METRICS
+    checks, metrics = make_checks(places, b3), dict.fromkeys(metric_names()) | _METRICS
     ended = {"outcome": outcome, "metrics": metrics}
     more: dict[str, Any] = {}
     if full:

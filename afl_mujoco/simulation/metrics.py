@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
@@ -109,10 +108,6 @@ def in_order(names: Iterable[str]) -> list[str]:
     given = dict.fromkeys(names)
     known = [name for name in metric_names() if name in given]
     return [*known, *(name for name in given if name not in known)]
-
-
-UNITS = MappingProxyType({name: unit_of(name) for name in metric_names()})
-"""The metrics of the cart-pole, and their units."""
 
 
 def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metrics:

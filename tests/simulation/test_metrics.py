@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.metrics import UNITS, metrics
+from afl_mujoco.simulation.metrics import metric_names, metrics
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective_scales, with_objective
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
@@ -84,7 +84,7 @@ def test_what_a_run_did_not_show_is_none() -> None:
 def test_the_objective_of_its_own_scales_is_three_and_saturation_counts_time() -> None:
     figures = measured(decaying_run())
     scored = with_objective(figures, objective_scales(figures))
-    assert scored["objective"] == 3.0 and scored.keys() == UNITS.keys()
+    assert scored["objective"] == 3.0 and scored.keys() == {*metric_names()}
     run = decaying_run()
     gains = afl.FIXED_GAINS
     sliding = afl.sliding_variable(run.state, afl.CartPoleParameters(), gains)

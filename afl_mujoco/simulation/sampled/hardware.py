@@ -22,19 +22,13 @@ _UNIT = 2.0**-32
 
 
 @jitable
-def _philox(c0, c1, c2, c3, k0, k1):
+def philox(c0, c1, c2, c3, k0, k1):
     """Return four words of 32 bits for a counter of four and a key of two, all as uint64."""
     for _ in range(_ROUNDS):
         p0, p1 = _M0 * c0, _M1 * c2
         c0, c1, c2, c3 = (p1 >> _WORD) ^ c1 ^ k0, p1 & _LOW, (p0 >> _WORD) ^ c3 ^ k1, p0 & _LOW
         k0, k1 = (k0 + _W0) & _LOW, (k1 + _W1) & _LOW
     return c0, c1, c2, c3
-
-
-@kernel
-def random_words(counter, key):
-    """Return the block of Philox4x32-10 for a counter of four words and a key of two."""
-    return _philox(counter[0], counter[1], counter[2], counter[3], key[0], key[1])
 
 
 @jitable
@@ -49,7 +43,7 @@ def _pair(first, second):
 def normals(seed, tick, block=0):
     """Return four independent standard normal numbers; a tick has any number of blocks of them."""
     s, t, zero = np.uint64(seed), np.uint64(tick), np.uint64(0)
-    a, b, c, d = _philox(t & _LOW, t >> _WORD, np.uint64(block), zero, s & _LOW, s >> _WORD)
+    a, b, c, d = philox(t & _LOW, t >> _WORD, np.uint64(block), zero, s & _LOW, s >> _WORD)
     n0, n1 = _pair(a, b)
     n2, n3 = _pair(c, d)
     return n0, n1, n2, n3
