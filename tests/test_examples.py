@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import sys
 import types
@@ -172,8 +171,6 @@ def test_a_controller_without_a_force_ends_the_run(command, folder, command_line
 
 def test_a_learned_policy_runs_as_a_controller(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a stand-in for what learns: the example's own lines, the scenario and its ranges."""
-    if not os.environ.get("AFL_MUJOCO_REQUIRE_GYMNASIUM"):
-        pytest.importorskip("gymnasium")
     made = []
 
     class Learner:

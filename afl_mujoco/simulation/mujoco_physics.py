@@ -37,7 +37,6 @@ class Physics(DmPhysics):  # type: ignore[misc]
     def __init__(
         self, scenario: Scenario, *, timestep: float, integrator: str, hold: int = 1
     ) -> None:
-        self._timestep = timestep
         self._seen_at: tuple[int, bytes] | None = None
         self._model = drawn_model(scenario, timestep=timestep, integrator=integrator)
         self.world = World(self._model, timestep, hold)
@@ -55,7 +54,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
     @property
     def instant(self) -> int:
         """Number of steps since t = 0."""
-        return round(float(self.data.ptr.time) / self._timestep)
+        return round(float(self.data.ptr.time) / self.world.timestep)
 
     def measured(self) -> Floats:
         """Return the state as measured at this control tick, shape (2 n,)."""
@@ -73,7 +72,8 @@ class Physics(DmPhysics):  # type: ignore[misc]
         """Put the plant at t = 0 into its initial state, then apply the impulses there."""
         self.data.ptr.time = 0.0
         self._seen_at = None
-        self.world.begin()
+        with self.check_invalid_state():
+            self.world.begin()
 
     def reset(self, keyframe_id: int | None = None) -> None:
         """Return to the scenario's initial state, plant included."""
@@ -83,7 +83,8 @@ class Physics(DmPhysics):  # type: ignore[misc]
 
     def forward(self) -> None:
         """Update everything in model and data to this instant and state."""
-        self.world.write_at(self.instant)
+        with self.check_invalid_state():
+            self.world.write_at(self.instant)
 
     def step(self, nstep: int = 1) -> None:
         """Advance under the commands in MjData, which then holds what the drives exert."""
@@ -92,7 +93,7 @@ class Physics(DmPhysics):  # type: ignore[misc]
                 unit = f" {self.scenario.plant.units[name]}".rstrip()
                 rule = f"must be below {STATE_LIMIT:g}{unit}"
                 raise InvalidValueError("control", rule, f"{force:g}{unit}")
-        self.data.ptr.time = self.world.advance(self.instant, nstep) * self._timestep
+        self.data.ptr.time = self.world.advance(self.instant, nstep) * self.world.timestep
 
     def copy(self, share_model: bool = False) -> NoReturn:
         """Raise: the state of the hardware is not part of MuJoCo's, and the model changes."""

@@ -130,13 +130,6 @@ def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
     assert abs(other.state[-1, 0] - np.pi) < 0.01
 
 
-def test_a_ctrlrange_limits_the_input_and_is_said() -> None:
-    far = afl.Scenario(name="far", plant=SLED, initial_state={"lean": 1.2}, duration=0.5)
-    run = afl.simulate_mujoco(far, steady)
-    assert run.input.min() == -70.0 and run.command.min() < -70.0
-    assert run.metrics["limited_share"] > 0.0
-
-
 def test_requirements_go_by_the_plants_names_and_measure_from_the_target() -> None:
     asked = afl.Requirements(
         target={"way": 0.5}, max={"way": 0.7, "pull": 75.0, "top": 1.1}, min={"top": 0.9},

@@ -1,51 +1,38 @@
-"""The scenarios as Gymnasium environments: the dm_control environment, by another contract.
-
-Optional: `pip install afl-mujoco[gym]`. Without Gymnasium the tests are skipped, or fail where
-AFL_MUJOCO_REQUIRE_GYMNASIUM is set.
-"""
+"""The scenarios as Gymnasium environments: the dm_control environment, by another contract."""
 
 import math
-import os
 import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.seeding import np_random
+from gymnasium.vector import SyncVectorEnv
 
 import afl_mujoco as afl
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.gym_env import registration
+from afl_mujoco.simulation.gym_env.environment import (
+    CONTROL_PERIOD,
+    FORCE_LIMIT,
+    CartPoleEnv,
+    ScenarioEnv,
+    policy_controller,
+)
+from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 from afl_mujoco.simulation.task import controller_policy
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 from tests.plants.plants import EXAMPLES, known
 
 ROOT = Path(__file__).parents[2]
-try:
-    import gymnasium
-    from gymnasium.utils.env_checker import check_env
-    from gymnasium.utils.seeding import np_random
-    from gymnasium.vector import SyncVectorEnv
-
-    from afl_mujoco.simulation.gym_env.environment import (
-        CONTROL_PERIOD,
-        FORCE_LIMIT,
-        CartPoleEnv,
-        ScenarioEnv,
-        policy_controller,
-    )
-    from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
-except ImportError as error:
-    if os.environ.get("AFL_MUJOCO_REQUIRE_GYMNASIUM"):
-        pytest.fail(f"AFL_MUJOCO_REQUIRE_GYMNASIUM is set, but {error}", pytrace=False)
-    pytest.skip("Gymnasium is not installed", allow_module_level=True)
-
-FIXED = [f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS]
 IDS = [
-    *FIXED,
+    *(f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS),
     *(f"afl_mujoco/CartPole-{name}-Random-v0" for name in afl.SCENARIOS),
     "afl_mujoco/CartPole-Random-v0",
 ]
