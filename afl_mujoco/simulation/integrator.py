@@ -20,7 +20,6 @@ from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
-    DIVERGED,
     FELL,
     OUTCOMES,
     STATE_LIMIT,
@@ -315,22 +314,6 @@ NO_NODES: Mapping[str, Floats] = {}
 METHODS = ("DOP853", "Radau", "RK45", "LSODA")
 
 
-def _events(criterion: Criterion, states: int) -> tuple[Callable[..., float], ...]:
-    """Return functions of time and state that are zero where a run falls, and where it diverges."""
-    ends = np.isfinite(criterion.ends)
-
-    def falls(time: float, state: Floats) -> float:
-        each = zip(state, criterion.target, criterion.wraps, strict=False)
-        away = np.abs([deviation(*one) for one in each])
-        return float((criterion.ends - away)[ends].min(initial=1.0))
-
-    def diverges(time: float, state: Floats) -> float:
-        return STATE_LIMIT - float(np.abs(state[:states]).max())
-
-    falls.terminal = diverges.terminal = True  # type: ignore[attr-defined]
-    return falls, diverges
-
-
 def integrate(
     scenario: Scenario,
     solver: Solver,
@@ -392,7 +375,11 @@ def scipy_solver(
 ) -> Solver:
     """Return SciPy's integrator of a right-hand side in Python, with steps up to a longest [s]."""
     settings: Any = {"method": method, "rtol": rtol, "atol": atol, "max_step": longest}
-    settings["events"] = _events(criterion, 2 * len(criterion.target))
+
+    def margin(time: float, state: Floats) -> float:
+        return float(limit_margin(criterion, state))
+
+    margin.terminal = True  # type: ignore[attr-defined]
 
     def solve(segment: Segment, state: Floats, times: Floats) -> tuple[Floats, Outcome | None]:
         def right_hand_side(time: float, state: Floats) -> Sequence[float]:
@@ -401,21 +388,23 @@ def scipy_solver(
         span = (segment.start, segment.end)
         if not np.isfinite(right_hand_side(segment.start, state)).all():
             return np.atleast_2d(state), _stuck(criterion, state, segment.start)
-        found: Any = solve_ivp(right_hand_side, span, state, t_eval=times, **settings)
-        samples, (fell, diverged) = np.reshape(found.y, (len(state), -1)).T, found.t_events
+        found: Any = solve_ivp(
+            right_hand_side, span, state, t_eval=times, events=margin, **settings
+        )
+        samples = np.reshape(found.y, (len(state), -1)).T
         if found.status == 0:
             return samples, None
-        if len(fell):
-            return samples, Outcome(FELL, float(fell[0]))
-        if len(diverged) or not len(found.t):
-            return samples, Outcome(DIVERGED, float((*diverged, segment.start)[0]))
-        return samples, _stuck(criterion, found.y[:, -1], found.t[-1])
+        if len(found.t_events[0]):
+            return samples, _stuck(criterion, found.y_events[0][0], found.t_events[0][0])
+        if not len(found.t):
+            return samples, _stuck(criterion, state, segment.start)
+        return samples, _stuck(criterion, samples[-1], found.t[-1])
 
     return solve
 
 
 def _stuck(criterion: Criterion, state: Floats, time: float) -> Outcome:
-    """Return how a run has ended that cannot continue from a state."""
+    """Return how a run has ended that cannot continue from a state, or must not."""
     return Outcome(OUTCOMES[ending_of(criterion, state)], float(time))
 
 
@@ -435,13 +424,8 @@ def compiled_solver(
     ) -> tuple[Floats, Outcome | None]:
         state, found = state.copy(), np.empty((len(times), len(state)))
         count, time, status = solve(segment, state, times, options, work, found)
-        samples = found[:count]
-        if status == REACHED:
-            return samples, None
-        nearer = criterion._replace(ends=criterion.ends - 1e-9)
-        if status == STOPPED and has_ended(nearer, state):
-            return samples, Outcome(FELL, float(time))
-        return samples, _stuck(criterion, state, time)
+        ended = None if status == REACHED else _stuck(criterion, state, time)
+        return found[:count], ended
 
     return integrate_segment
 
