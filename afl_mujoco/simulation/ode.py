@@ -43,7 +43,6 @@ from afl_mujoco.simulation.integrator import (
 from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
     Criterion,
-    Outcome,
     Trajectory,
     assemble,
     controller_inputs,
@@ -101,39 +100,22 @@ def simulate_ode(
     """
     scenario = as_scenario(scenario)
     controller = as_controller(controller)
-    settings: dict[str, Any] = {"method": method, "rtol": rtol, "atol": atol}
-    settings["sample_period"] = sample_period
-    solved = solve_ode(scenario, controller, trees=trees, **settings)
-    return assemble(scenario, controller, "ode", settings | scenario.plant.changes, *solved)
-
-
-def solve_ode(
-    scenario: Scenario,
-    controller: Controller,
-    *,
-    sample_period: float,
-    method: str = "DOP853",
-    rtol: float = RTOL,
-    atol: float = ATOL,
-    longest_step: float | None = None,
-    trees: Any = None,
-) -> tuple[Floats, Floats, Outcome]:
-    """Return only the times [s], the states reached and the outcome of `simulate_ode`."""
     scenario.require_ideal()
     require_stateless(controller, "the ODE")
     times = time_grid(scenario, sample_period)
     # raises before the run if a gain is not positive
     controller_inputs(scenario, controller, times)
-    criterion = criterion_of(scenario)
     require_tolerances(method, rtol, atol)
-    loop = Loop(scenario, trees, controller)
-    solver = loop.solver(criterion, rtol, atol, longest_step)
+    criterion, loop = criterion_of(scenario), Loop(scenario, trees, controller)
+    solver = loop.solver(criterion, rtol, atol)
     if method != "DOP853":
         longest = longest_step_of(scenario)
         solver = scipy_solver(loop.derivative, criterion, method, rtol, atol, longest)
     nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(scenario, solver, loop.arrive, times, nodes=nodes)
-    return times[: len(states)], states, outcome
+    settings = {"method": method, "rtol": rtol, "atol": atol, "sample_period": sample_period}
+    settings |= scenario.plant.changes
+    return assemble(scenario, controller, "ode", settings, times, states, outcome)
 
 
 PAPERS, ACCELERATIONS, TERMS = range(3)
@@ -370,10 +352,7 @@ class Loop:
             _rates(self._on(segment), time, np.array(state[: len(rates)]), rates)
         return rates
 
-    def solver(
-        self, criterion: Criterion, rtol: float = RTOL, atol: float = ATOL,
-        longest: float | None = None,
-    ) -> Solver:  # fmt: skip
+    def solver(self, criterion: Criterion, rtol: float = RTOL, atol: float = ATOL) -> Solver:
         """Return DOP853 of the loop over a segment."""
 
         def solve(segment: Segment, *rest: Any) -> Any:
@@ -383,8 +362,7 @@ class Loop:
                 self.require_equations_at(rest[0], found[1], segment)
             return found
 
-        longest = longest_step_of(self.scenario) if longest is None else longest
-        return compiled_solver(solve, criterion, rtol, atol, longest)
+        return compiled_solver(solve, criterion, rtol, atol, longest_step_of(self.scenario))
 
 
 def hit(state: Floats, before: Segment | None, after: Segment) -> Floats:

@@ -9,7 +9,7 @@ from afl_mujoco.control import cartpole_feedback as design
 from afl_mujoco.control.controller import LINEAR, interpolated_gains
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import PlantRange
-from afl_mujoco.simulation.ode import solve_ode
+from afl_mujoco.simulation import integrator
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.checks import closed_loop_checks
 
@@ -154,15 +154,16 @@ def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name,
 
 @pytest.mark.parametrize("name", BASELINES)
 @pytest.mark.parametrize("together", [False, True])
-def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together):
+def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together, monkeypatch):
     scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], afl.CONTROLLERS[name]
     if together:  # M and l pass every node at one time, or but for round-off
         scenario = scenario.with_schedule(half_length=scenario.cart_mass)
     ode = afl.simulate_ode(scenario, controller)
     exact = afl.simulate_mujoco(scenario, controller, "exact")
     assert np.abs(ode.state - exact.state).max() < 1e-11  # of a limit of 1e-9
-    short = solve_ode(scenario, controller, sample_period=1e-3, longest_step=2e-4)[1]
-    assert np.abs(ode.state - short).max() < 3e-10
+    monkeypatch.setattr(integrator, "MAX_STEP", 2e-4)
+    short = afl.simulate_ode(scenario, controller)
+    assert np.abs(ode.state - short.state).max() < 3e-10
 
 
 HEAVY = afl.Scenario(name="heavy and long", schedule={

@@ -4,12 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
-from afl_mujoco.plants.cartpole_equations import velocity_jump
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from tests.feedback import feedback
 
@@ -28,46 +26,6 @@ def order(simulate, scenario, controller):
 def test_rk4_is_of_order_four_jumps_and_pulses_included(kind, request, controller):
     scenario = request.getfixturevalue(kind)
     assert 3.7 <= order(afl.simulate_ode_rk4, scenario, controller) <= 4.3
-
-
-def _held_by_dop853(scenario, controller, timestep, hold):
-    """Integrate each held step on its own, by another method than the code's."""
-    count = round(scenario.duration / timestep)
-    state, force = np.array(scenario.initial_state), 0.0
-    states, forces = [], []
-    for k in range(count):
-        p = scenario.parameters_at((k + 0.5) * timestep)
-        now = k * timestep
-        impulses = [d for d in scenario.disturbances if isinstance(d, afl.Impulse)]
-        hits = [d for d in impulses if now < d.time < now + timestep]  # none at the start of a step
-        if k % hold == 0:
-            force = controller.force(state, scenario.parameters_at(now))
-        states.append(state)
-        forces.append(force)
-        pulses = [d for d in scenario.disturbances if d not in impulses]
-        acts = [max(0.0, min(d.end, now + timestep) - max(d.start, now)) for d in pulses]
-        pushed = sum(d.force * time for d, time in zip(pulses, acts, strict=True))
-        total = force + pushed / timestep
-        for part in (*hits, None):
-            until = timestep if part is None else part.time - now
-            since = hits[-1].time - now if hits and part is None else 0.0
-            state = solve_ivp(
-                lambda t, y, total=total, p=p: [y[2], y[3], *afl.acceleration(y, total, p)],
-                (since, until), state, method="DOP853", rtol=1e-12, atol=1e-14,
-            ).y[:, -1]  # fmt: skip
-            if part is not None:
-                state[2:] += velocity_jump(state, part.momentum, p)
-    return np.array([*states, state]), np.array(forces)
-
-
-@pytest.mark.parametrize("hold", [1, 4], ids=["every step", "every fourth step"])
-def test_the_held_loop_agrees_with_another_integrator(odd_scenario, adaptive, hold):
-    settings = {"timestep": HELD_STEP, "control_period": hold * HELD_STEP}
-    run = afl.simulate_ode_held(odd_scenario, adaptive, **settings)
-    states, forces = _held_by_dop853(odd_scenario, adaptive, HELD_STEP, hold)
-    # eight RK4 steps a step leave (rate * h / 8)^5 a step, below 1e-10 here
-    np.testing.assert_allclose(run.state, states, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(run.force[:-1], forces, rtol=0, atol=1e-6)  # 1e3 N/m of gain
 
 
 def test_the_held_loop_tends_to_the_continuous_one_in_the_first_order(smooth_scenario, adaptive):
