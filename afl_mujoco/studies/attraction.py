@@ -18,7 +18,7 @@ from afl_mujoco.plants.plant import Floats
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import symbol
+from afl_mujoco.scenario.parameters import LARGEST_STATE, from_target, require_start_angle, symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
@@ -65,8 +65,10 @@ class Options:
     quick: bool = False
     """11 starts along each axis, unless a number is given."""
     axes: tuple[str, ...] = ()
-    """The two states that vary, by name: phi phi_dot of the cart-pole. They go up to 1.55 rad and
-    10 rad/s from the target, of another plant up to 20 times the band in which it is at rest."""
+    """The two states that vary, by name: phi phi_dot of the cart-pole."""
+    reach: tuple[float, ...] = ()
+    """How far the two go from the target; by default 1.55 rad and 10 rad/s of the cart-pole, of
+    another plant 20 times the band in which it is at rest."""
     timestep: float | None = None
     """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
     period."""
@@ -103,22 +105,33 @@ def prepare(options: Options) -> Request:
     controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
+    if len(o.reach) not in (0, 2):
+        raise InvalidValueError("reach", "must be two numbers", o.reach)
+    asked = zip(axes, o.reach or (None, None), strict=True)
+    reach = {name: _reach(name, given, scenario) for name, given in asked}
     angles, rates = (
-        target.get(name, 0.0) + np.linspace(-most, most, count)
-        for name, most in ((name, _reach(name, scenario)) for name in axes)
+        target.get(name, 0.0) + np.linspace(-most, most, count) for name, most in reach.items()
     )
     return Request(scenario, controllers, axes, angles, rates, deployed)
 
 
-def _reach(name: str, scenario: Scenario) -> float:
+def _reach(name: str, given: float | None, scenario: Scenario) -> float:
     """Return how far a state goes from its target, within end stops and what ends a run."""
+    unit = scenario.plant.units[name]
+    stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
+    end = min(stop, scenario.ends_at.get(name, math.inf))
+    if given is not None:
+        if not require_positive("reach", given) < min(end, LARGEST_STATE):
+            rule = f"must be below {min(end, LARGEST_STATE):.4g} {unit} for {name}"
+            raise InvalidValueError("reach", rule, given)
+        if unit == "rad":
+            require_start_angle("reach", given)
+        return given
     most, share = 20.0 * scenario.band(name.removesuffix("_dot")), 0.95
     if scenario.is_cart_pole and name.startswith("phi"):
         most, share = (10.0 if name.endswith("_dot") else 1.55), 0.99
-    turn = math.pi if scenario.plant.units[name] == "rad" else math.inf
-    stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
-    end = scenario.ends_at.get(name, math.inf)
-    return require_positive(f"reach of {name}", min(most, share * min(stop, end), turn))
+    turn = math.pi if unit == "rad" else math.inf
+    return require_positive(f"reach of {name}", min(most, share * end, turn))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -185,9 +198,10 @@ def report(result: Result) -> Report:
         counts = [fixed(100.0 * float((kinds == k).mean()), 1) for k in present]
         rows.append([name, *counts, Cell(word, "bad" if own.failure else "good")])
     units, axes = result.scenario.plant.units, (result.angles, result.rates)
+    away = [from_target(name, result.scenario.about(name)) for name in result.axes]
     reach = " and ".join(
-        f"|{symbol(name)}| up to {short(0.5 * float(axis[-1] - axis[0]))} {units[name]}"
-        for name, axis in zip(result.axes, axes, strict=True)
+        f"|{one}| up to {short(0.5 * float(axis[-1] - axis[0]))} {units[name]}"
+        for one, name, axis in zip(away, result.axes, axes, strict=True)
     )
     said = ", ".join(f"{name} copes with {percent(share, 3)}" for name, share in shares.items())
     title = f"From which starts each controller copes with {result.scenario.name}"

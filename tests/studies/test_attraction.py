@@ -7,6 +7,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.studies import attraction
@@ -70,6 +71,19 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     )
     cross = shown.blocks[0].draw().axes[0].lines[0]
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
+
+
+def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_called_so() -> None:
+    asked = attraction.prepare(attraction.Options(grid=3, reach=(0.6, 1.0)))
+    assert [*asked.angles, *asked.rates] == [-0.6, 0.0, 0.6, -1.0, 0.0, 1.0]
+    for reach, said in (((1.6, 1.0), r"be below 1\.57 rad for phi, got 1\.6"), ((1.0,), "be two")):
+        with pytest.raises(InvalidValueError, match=rf"^reach must {said}"):
+            attraction.prepare(attraction.Options(reach=reach))
+    target = afl.Requirements(target={"z": 0.5})
+    aside = replace(PLAIN, requirements=target, disturbances=(), duration=0.1)
+    axes = (np.array([-0.5, 1.5]), np.array([-1.0, 1.0]))
+    result = run(attraction.Request(aside, [LQR], ("z", "phi_dot"), *axes))
+    assert "|z − 0.5| up to 1 m and |φ′| up to 1 rad/s" in attraction.report(result).headline
 
 
 def test_a_controller_that_fails_fails_there_only_and_a_fall_is_a_fall() -> None:
