@@ -3,7 +3,7 @@
 ``pip install "afl-mujoco[rl]"``, then from this folder::
 
     python learned_policy.py                      # some two minutes on two cores: policy.zip
-    afl-mujoco compare rl.toml --controllers learned_policy:controller lqr adaptive
+    afl-mujoco compare rl.toml --controllers learned_policy:controller lqr adaptive --film
 
 Every episode has other hardware: start, M(t), l(t), delay, noise and friction are drawn from
 ``[ranges]`` of ``rl.toml``. The policy depends on the version of every package, not only this one.

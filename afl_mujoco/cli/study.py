@@ -24,7 +24,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Study, studies
+from afl_mujoco.studies.shared.contract import Interrupted, Study, studies
 
 if TYPE_CHECKING:
     from afl_mujoco.report.blocks import Block, Section
@@ -42,7 +42,8 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
-    load_listing(films)
+    for place in (films, folder):
+        load_listing(place)
     load_records(folder, leave_out=leave_out)
 
 
@@ -57,7 +58,9 @@ def write_page(folder: Path, films: Path) -> Path:
     if not records:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     reports = {record.study.name: record.report for record in records}
-    last = [*film_sections(films), _reproduce(records)]
+    # films beside a page may be of results that were there before
+    shown = film_sections(folder, [x.inputs for x in records]) if folder != films else []
+    last = [*shown, *(film_sections(films) if not shown else []), _reproduce(records)]
     write_text(folder / PAGE, to_html(TITLE, reports, folder, last))
     return folder / PAGE
 
@@ -104,7 +107,7 @@ class StudyCommand:
         from afl_mujoco.files import output_folder, require_no_folder
         from afl_mujoco.pool import kept_processes
         from afl_mujoco.report.terminal import print_report
-        from afl_mujoco.studies.shared.record import PAGE, Record, save_record
+        from afl_mujoco.studies.shared.record import PAGE, Record, save_partial, save_record
 
         names = (f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz"))
         require_no_folder(self.out, (*names, PAGE))
@@ -116,11 +119,20 @@ class StudyCommand:
         if (limit := getattr(self, "call_limit", None)) is not None:
             command += f" --call-limit {limit:g}"
         with study_progress() as progress, kept_processes():
-            result = study.parts.run(request, progress=progress, **who)
+            try:
+                result = study.parts.run(request, progress=progress, **who)
+            except Interrupted as early:
+                record = Record(study=study, result=early.result, command=command, inputs=inputs)
+                say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
+                raise
             record = Record(study=study, result=result, command=command, inputs=inputs)
             files = save_record(
                 record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
             )
+        if getattr(request, "film", False):
+            from afl_mujoco.films.video import make_films
+
+            files += make_films(study.parts.films(request, result, command), folder)
         if self.page:
             files.append(write_page(folder, self.films))
         say(f"wrote {_told(files)}")

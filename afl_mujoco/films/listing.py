@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -70,11 +71,16 @@ LEDE = (
 )
 
 
-def sections(folder: Path) -> list[Section]:
-    """Return the films of a folder for a report, the wide ones first; nothing if there are none."""
-    entries = sorted(load_listing(folder), key=lambda one: len(one.controllers) < 2)
-    if not entries:
+def sections(folder: Path, of: Sequence[Mapping[str, str]] | None = None) -> list[Section]:
+    """Return the films of a folder for a report, the wide ones first; nothing if there are none.
+
+    Only those of some results, by the digests of their inputs, if these are given.
+    """
+    every = load_listing(folder)
+    kept = [x for x in every if of is None or any(x.inputs.items() <= y.items() for y in of)]
+    if not kept:
         return []
+    entries = sorted(kept, key=lambda one: len(one.controllers) < 2)
     blocks: list[Block] = [LEDE]
     scenarios = sorted({one.scenario for one in entries})
     for number, scenario in enumerate(scenarios, start=1):

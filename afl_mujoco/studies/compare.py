@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -44,6 +44,9 @@ from afl_mujoco.studies.shared.tables import (
     requirements_matrix,
 )
 
+if TYPE_CHECKING:
+    from afl_mujoco.films.video import Film
+
 MOST_DRAWS = 1000
 
 Figures = Mapping[str, float | None]
@@ -73,6 +76,8 @@ class Options:
     draws: int | None = None
     """Number of draws of noise, and of the start within an encoder's step; by default 10 where
     noise or encoders act, else 1."""
+    film: bool = False
+    """Film the first four controllers side by side, one MP4 for each scenario."""
 
 
 class Request(NamedTuple):
@@ -82,6 +87,7 @@ class Request(NamedTuple):
     controllers: Sequence[Controller]
     deployed: Deployed = Deployed()
     draws: int | None = None
+    film: bool = False
 
     def require(self) -> Request:
         """Return it, or raise if anything would break the comparison, before it begins."""
@@ -95,12 +101,19 @@ def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     o = options
     scenarios = [find_scenario(name) for name in o.scenarios]  # before what is slow to import
+    if o.film:
+        from afl_mujoco.graphics import require_backend
+
+        require_backend()  # before MuJoCo
 
     from afl_mujoco.control.catalogue import find_controller
 
     controllers = [find_controller(name) for name in chosen(o.controllers, scenarios)]
     deployed = Deployed(o.integrator, o.timestep, o.control_period)
-    return Request(scenarios, controllers, deployed, o.draws).require()
+    request = Request(scenarios, controllers, deployed, o.draws, o.film).require()
+    if o.film:
+        films(request)  # raises if a scenario does not last a frame
+    return request
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -281,7 +294,7 @@ def compare(
 
 def run(request: Request, *, progress: Progress = silent) -> Result:
     """Run every controller on every draw of every scenario."""
-    scenarios, controllers, deployed, draws = request
+    scenarios, controllers, deployed, draws, _ = request
     rows: list[Run] = []
     figures: list[Figures] = []
     remarks: dict[str, tuple[str, ...]] = {}
@@ -419,6 +432,22 @@ def draw_responses(scenario: Scenario, runs: Mapping[str, Curves]) -> Any:
         panels.append(Panel(label="plant", curves=table, black=True))
     pushes = [(min(d.breakpoints), max(d.breakpoints)) for d in scenario.disturbances]
     return curves(panels, scenario.duration, shaded=pushes)
+
+
+def films(request: Request, result: Result | None = None, command: str = "") -> list[Film]:
+    """Return a film of the controllers side by side for each scenario; those that ran of a result.
+
+    They are made by the command line, after the figures.
+    """
+    from afl_mujoco.films.video import side_by_side
+
+    found = []
+    for scenario in request.scenarios:
+        there = None if result is None else result.curves_on(scenario)
+        shown = [one for one in request.controllers if there is None or one.name in there]
+        if shown:
+            found.append(side_by_side(scenario, shown, request.deployed, command=command))
+    return found
 
 
 STUDY = Study(module=__name__, name="compare", title="Controllers compared", order=0, schema=4)

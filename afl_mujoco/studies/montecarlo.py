@@ -23,6 +23,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
+    Interrupted,
     Progress,
     ScenarioName,
     Study,
@@ -170,7 +171,10 @@ def run(
     """Run the samples and the searches; the result does not depend on the workers."""
     space, controllers, _, _, samples, seed, deployed, budget = request
     worst: list[Worst] = []
-    runs = sample(controllers, space, samples, seed, deployed, progress, workers, cluster)
+    try:
+        runs = sample(controllers, space, samples, seed, deployed, progress, workers, cluster)
+    except Interrupted as early:
+        raise Interrupted(_result(request, early.result, worst), early.done) from None
     with open_executor(workers, cluster) as executor:
         for one in controllers:
             if budget is None:

@@ -6,8 +6,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
-from afl_mujoco.scenario.imperfections import IDEAL
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
@@ -77,11 +78,16 @@ def test_each_run_is_that_of_the_simulator_with_its_imperfections(rig, result) -
         assert row["force_squared"] == run.metrics["force_squared"]
 
 
-def test_remarks_are_of_gains_beyond_their_table(result) -> None:
+def test_remarks_are_of_gains_beyond_their_table_and_of_end_stops(result) -> None:
     assert [*result.remarks] == ["rig/adaptive"]  # lqr is designed for this plant
     said = " ".join(result.remarks["rig/adaptive"])
     assert "found for M 0.1 to 2 kg, and M reaches 8 kg here" in said
     assert "found for l 0.05 to 1 m, and l reaches 1.5 m here" in said
+    for end, remark in ((3.0, "z hits the end stop, 3 m"), (30.0, "")):
+        rail = Imperfections(end_stops={"z": end})
+        scenario = replace(afl.SCENARIOS["nominal"], duration=2.0, imperfections=rail)
+        found = compare(scenario, "fixed").remarks
+        assert bool(found) == bool(remark) and remark in str(found)
 
 
 def test_a_comparison_says_in_print_and_in_a_notebook_who_meets_what(result) -> None:
@@ -113,6 +119,7 @@ def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> Non
     record = load_record(find_study("compare"), rig / "out")
     assert [*record.inputs] == ["scenario rig", *(f"controller {name}" for name in names)]
     rows = {run.controller: run for run in record.result.rows}
+    assert record.result.remarks["rig/compared.zero"] == ("force is 0 throughout",)
     late = rows["compared.late"]
     assert late.message == "raised ZeroDivisionError at t = 0.5 s: division by zero"
     assert late.message in output and late.failure == "controller failed"
@@ -161,6 +168,24 @@ def test_the_library_takes_functions_classes_and_names(rig) -> None:
     assert {row["controller"] for row in missed} == {"idle"} and len(found.plot("rig").axes) == 3
     with pytest.raises(afl.AflMujocoError, match="scenario must be one of rig, got 'rug'"):
         found.plot("rug")
+
+
+@pytest.mark.slow
+def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(rig, command_line, graphics):
+    (rig / "rig.toml").write_text(RIG.replace("duration = 6.0", "duration = 0.4").split("[req")[0])
+    controllers = ("lqr", "adaptive", "compared:Counting")
+    code, _, errors = command_line(
+        "compare", "rig.toml", "--controllers", *controllers, "--film", "--out", "out"
+    )
+    assert (code, errors) == (0, "")
+    (film,) = load_listing(rig / "out")
+    assert (rig / "out" / film.file).stat().st_size > 1000
+    assert film.controllers == ("lqr", "adaptive", "compared.Counting")
+    assert film.deployment.control_period == 0.01  # the scenario's, not a step
+    asked = " ".join(controllers)
+    assert film.command == f"afl-mujoco compare rig.toml --controllers {asked} --film"
+    page = (rig / "out" / "report.html").read_text()
+    assert "rig, lqr beside adaptive beside compared.Counting" in page
 
 
 def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:

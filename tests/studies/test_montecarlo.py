@@ -17,6 +17,7 @@ from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies.montecarlo import run
+from afl_mujoco.studies.shared.contract import Interrupted
 from afl_mujoco.studies.shared.run import run_all
 from tests.plants.plants import varied
 from tests.program import interrupt
@@ -172,6 +173,21 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     (file,) = (tmp_path / "shown").glob("*.npz")
     outcome = afl.Trajectory.load(file).outcome
     assert (outcome.kind, outcome.time) == (failures[0]["outcome"], failures[0]["time"])
+
+
+def test_a_ctrl_c_while_sampling_keeps_what_every_controller_has_done() -> None:
+    request = asked(LQR, ADAPTIVE, samples=50)
+    whole = run(request)
+
+    def press(what: str, done: int, total: int) -> None:
+        if done >= 3:  # of six chunks, three of each controller
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as early:
+        run(request, progress=press)
+    assert early.value.done == "20 of 50 samples"
+    for name, some in early.value.result.runs.items():
+        assert some == whole.runs[name][:20]
 
 
 @pytest.mark.slow

@@ -16,6 +16,8 @@ it has
     A frozen dataclass of types that pydantic supports, of `Array` and of `Rows`.
 ``report(result)``
     The only place that puts the study into words: one headline, one figure, one table.
+``films(request, result, command)``
+    Only for a study whose request has ``film``: what to film, once its figures are drawn.
 ``write_files(result, folder)``
     Only for a study that writes more than figures; returns what it wrote.
 
@@ -72,6 +74,14 @@ ControllerNames = Annotated[tuple[str, ...], named_controllers(f"{SUBJECT} and {
 """Controllers by name, as `control.names.chosen` takes them."""
 
 
+class Interrupted(KeyboardInterrupt):
+    """A Ctrl-C during a study that keeps what it has found: a result, and how much of it."""
+
+    def __init__(self, result: Any, done: str) -> None:
+        super().__init__(done)
+        self.result, self.done = result, done
+
+
 def silent(doing: str, done: int, total: int) -> None:
     """Report no progress."""
 
@@ -98,13 +108,18 @@ def compute(
     workers: int,
     names: Sequence[str] = (),
     cluster: str | None = None,
+    kept: dict[int, Any] | None = None,
 ) -> list[Any]:
-    """Return what a function makes of each unit, by its name if it has one, among processes."""
+    """Return what a function makes of each unit, by its name if it has one, among processes.
+
+    What is done is in `kept` at once, by its place, also if a Ctrl-C ends the rest.
+    """
     if not units:
         return []
     progress(doing, 0, len(units))
     with open_executor(min(workers, len(units)), cluster) as executor:
-        return compute_all(function, units, executor, counted(progress, doing, len(units), names))
+        advance = counted(progress, doing, len(units), names)
+        return compute_all(function, units, executor, advance, kept)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -101,6 +101,15 @@ def save_record(
     return [path, markdown, *[npz] * bool(arrays), *(folder / name for name in names), *others]
 
 
+def save_partial(record: Record, folder: Path, done: str) -> Path:
+    """Write how much of an interrupted study was done, beside an older record."""
+    result, _ = packed(record.result)
+    path = folder / f"{record.study.stem}-partial.json"
+    content = {"partial": done, "command": record.command, "versions": dict(record.versions)}
+    write_text(path, json.dumps({**content, "result": result}, indent=1) + "\n")
+    return path
+
+
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 

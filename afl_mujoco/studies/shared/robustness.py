@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +35,7 @@ from afl_mujoco.scenario.sample_space import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.studies.shared.contract import Progress, compute, silent
+from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, run_all
 from afl_mujoco.studies.shared.search import (
     Budget,
@@ -328,7 +329,10 @@ def sample(
     workers: int = 1,
     cluster: str | None = None,
 ) -> Samples:
-    """Run controllers on the same samples; sample i depends on neither workers nor count."""
+    """Run controllers on the same samples; sample i depends on neither workers nor count.
+
+    A Ctrl-C raises `Interrupted` with the samples that every controller has done.
+    """
     units = [
         (one, range(i, min(i + CHUNK, count)))
         for i in range(0, count, CHUNK)
@@ -336,10 +340,24 @@ def sample(
     ]
     names = [one.name for one, _ in units]
     run = partial(_run_samples, space, seed, deployed)
-    parts = compute(run, units, "sampling", progress, workers, names, cluster)
-    runs: Samples = {one.name: [] for one in controllers}
-    for name, part in zip(names, parts, strict=True):
-        runs[name] += part
+    kept: dict[int, list[Run]] = {}
+    try:
+        compute(run, units, "sampling", progress, workers, names, cluster, kept)
+    except KeyboardInterrupt:
+        each = len(controllers)  # a chunk counts where each of them has done it
+        chunks = (range(i, i + each) for i in range(0, len(units), each))
+        whole = list(itertools.takewhile(lambda chunk: kept.keys() >= set(chunk), chunks))
+        if not whole:
+            raise
+        done = _in_order(names[: each * len(whole)], kept)
+        raise Interrupted(done, f"{len(done[names[0]])} of {count} samples") from None
+    return _in_order(names, kept)
+
+
+def _in_order(names: Sequence[str], kept: Mapping[int, list[Run]]) -> Samples:
+    runs: Samples = {name: [] for name in names}
+    for place, name in enumerate(names):
+        runs[name] += kept[place]
     return runs
 
 
