@@ -85,10 +85,12 @@ def frames(
     plots = None if alone else draw_plots(replays, (width, height - part[1]))
     scenario = replays[0].plan.name
     titles = [f"{scenario}, {one.controller}" if alone else one.controller for one in replays]
-    behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, 28 * s)]) for x in titles]
+    room = (part[0] / s - 56) / (LETTER * max(map(len, titles)))  # of a letter of the longest
+    letters = min(28.0, room)
+    behind = [write(backdrop(*part), [Text(28 * s, 46 * s, x, letters * s)]) for x in titles]
     subtitle = Text(28 * s, 76 * s, held if alone else scenario, 16 * s, QUIET)
     behind[0] = write(behind[0], [subtitle])
-    above = max(28 * len(titles[-1]), 16 * len(subtitle.text) * alone) * LETTER * s
+    above = max(letters * len(titles[-1]), 16 * len(subtitle.text) * alone) * LETTER * s
     behind[-1] = write(behind[-1], _legend(replays[0], held, alone, part[0], above, s))
     stage = Stage.of(replays, fps, part, frame)
     with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
