@@ -139,6 +139,7 @@ _MALFORMED = (
     AttributeError,
     ArithmeticError,
     RuntimeError,
+    StopIteration,
     MemoryError,
     EOFError,
     tokenize.TokenError,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import re
 import sys
 import warnings
@@ -139,13 +140,14 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
     said = " ".join(line for line in lines if line.strip("-"))
-    if found := re.match(r"Missing value for argument '(--\S+)'", said):
-        return str(InvalidValueError(found[1], "must have a value", "none"))
-    if found := re.match(r"Error parsing (--\S+): .* Argument helptext: \1 ([A-Z ]+) ", said):
-        kinds = {"INT": "a whole number", "FLOAT": "a number"}
-        words = " ".join(given).partition(found[1])[2].lstrip("= ").partition(" --")[0]
-        rule = f"must be {kinds.get(found[2], found[2])}"
-        return str(InvalidValueError(found[1], rule, words))
+    if found := re.match(r"Missing value for argument '(--\S+)'\. Expected (\d+) values\.", said):
+        if found[2] == "1":
+            return str(InvalidValueError(found[1], "must have a value", "none"))
+        return _no_number(found[1], int(found[2]) * "FLOAT ", given)
+    if found := re.match(
+        r"Error parsing (--\S+): .* Argument helptext: \1 (\{.*?\}|\[.*?\.\.\.\]\]|[A-Z ]+) ", said
+    ):
+        return _no_number(found[1], found[2], given)
     if found := re.match(r"Expected one of \{(.*)\}\.", said):
         return str(InvalidValueError("command", f"must be one of {found[1]}", "none"))
     found = re.match(r"Unrecognized (?:or misplaced )?options: ([^\s,=]+)", said)
@@ -158,6 +160,23 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     options = _options()
     command = given[0] if given[0] in options else PROGRAM
     return f"{found[1]} is not an option of {command}{meant(found[1], options.get(command, []))}"
+
+
+def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
+    """Return what is wrong with the value of an option that takes numbers, kinds like ``INT``."""
+    count = kinds.count("FLOAT")
+    rule = "a whole number" if "INT" in kinds else "a number" if count == 1 else f"{count} numbers"
+    words = list(given[next(i for i, word in enumerate(given) if word.startswith(option)) :])
+    if "=" in words[0]:
+        words[:1] = words[0].split("=", 1)
+    got = list(itertools.takewhile(lambda word: not word.startswith("--"), words[1:]))
+    if "NAME" in kinds:
+        rule = "NAME LOW HIGH, again for each name"
+    elif "..." in kinds:
+        rule = "numbers"
+    else:
+        got = got[: max(count, 1)]
+    return str(InvalidValueError(option, f"must be {rule}", " ".join(got) or "none"))
 
 
 def _options() -> dict[str, list[str]]:

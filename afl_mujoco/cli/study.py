@@ -59,9 +59,11 @@ def write_page(folder: Path, films: Path) -> Path:
         raise FileError(str(folder), "must hold a result: run afl-mujoco validate")
     reports = {record.study.name: record.report for record in records}
     # films beside a page may be of results that were there before
-    shown = film_sections(folder, [x.inputs for x in records]) if folder != films else []
-    last = [*shown, *(film_sections(films) if not shown else []), _reproduce(records)]
-    write_text(folder / PAGE, to_html(TITLE, reports, folder, last))
+    commands = [record.command for record in records]
+    shown = film_sections(folder, commands) if folder != films else []
+    last = [*(shown or film_sections(films)), _reproduce(records)]
+    files = {name for record in records for name in record.files}
+    write_text(folder / PAGE, to_html(TITLE, reports, folder, last, files))
     return folder / PAGE
 
 
@@ -113,6 +115,8 @@ class StudyCommand:
         require_no_folder(self.out, (*names, PAGE))
         if self.page:
             require_page(self.out, self.films, leave_out=study.name)
+        if require := getattr(study.parts, "require_files", None):
+            require(self.out)
         folder = output_folder(self.out)
         inputs = inputs_of(request)
         command = typed(study.name, configuration)

@@ -84,6 +84,8 @@ class LinearFeedback(Controller):
 
         rest = self.rest(values)
         thing = f"controller {self.name!r}"
+        if not self.plant.inputs:
+            raise InvalidValueError(thing, "must have an input, but the plant has none")
         held, left = holding_input(rest.bias, rest.inputs)
         worst = int(np.abs(left).argmax())
         if abs(left[worst]) > HOLDS * max(1.0, float(np.abs(rest.bias).max())):

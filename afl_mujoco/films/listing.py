@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -42,7 +42,9 @@ class Listing:
     films: tuple[Entry, ...]
 
 
-def load_listing(folder: Path, then: str = "run afl-mujoco render") -> tuple[Entry, ...]:
+def load_listing(
+    folder: Path, then: str = "remove it, and run afl-mujoco render"
+) -> tuple[Entry, ...]:
     """Return the films of a folder, none if it has no list; `then` says how to fix a broken one."""
     path = folder / LISTING
     if not path.is_file():
@@ -71,13 +73,13 @@ LEDE = (
 )
 
 
-def sections(folder: Path, of: Sequence[Mapping[str, str]] | None = None) -> list[Section]:
+def sections(folder: Path, commands: Container[str] | None = None) -> list[Section]:
     """Return the films of a folder for a report, the wide ones first; nothing if there are none.
 
-    Only those of some results, by the digests of their inputs, if these are given.
+    Only those that some commands made, if these are given.
     """
     every = load_listing(folder)
-    kept = [x for x in every if of is None or any(x.inputs.items() <= y.items() for y in of)]
+    kept = [one for one in every if commands is None or one.command in commands]
     if not kept:
         return []
     entries = sorted(kept, key=lambda one: len(one.controllers) < 2)

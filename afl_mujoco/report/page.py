@@ -6,7 +6,7 @@ import base64
 import hashlib
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from importlib.metadata import version
@@ -34,18 +34,25 @@ _KINDS = {str: "text", Matrix: "matrix", Figure: "figure", Film: "film", Replay:
 
 
 def to_html(
-    title: str, reports: Mapping[str, Report], folder: Path, last: Sequence[Section]
+    title: str,
+    reports: Mapping[str, Report],
+    folder: Path,
+    last: Sequence[Section],
+    files: Container[str],
 ) -> str:
     """Return a page of reports by anchor, the same bytes each time.
 
-    Their figures are in the folder of the page, and become parts of it. Films are linked.
+    Their figures are in the folder of the page, among some files, and become parts of it; others of
+    these names are of other results. Films are linked.
     """
     sections = [Section(one.title, anchor, one.blocks) for anchor, one in reports.items()]
     films = [x for x in Section("", "", [*sections, *last]).walk() if isinstance(x, Film)]
     found: dict[type, dict[str, Any]] = {Figure: {}, Replay: {}}
     for one in drawn_of(sections):
         find: Any = _picture if isinstance(one, Figure) else _replay
-        found[type(one)][one.name] = find({k: inside(folder, x) for k, x in one.files.items()})
+        paths = {kind: inside(folder, name) for kind, name in one.files.items()}
+        there = all(name in files for name in one.files.values())
+        found[type(one)][one.name] = find(paths) if there else None
     judged = [report for report in reports.values() if report.passed is not None]
     assets = resources.files(PACKAGE) / "assets"
     style, script = (

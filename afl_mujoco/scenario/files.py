@@ -183,7 +183,13 @@ def find_replay(name: str) -> Replay:
     return _read(Path(name)).replay if is_toml(name) else Replay()
 
 
-def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None = None) -> None:
+def save_scenario(
+    scenario: Scenario,
+    path: str | Path,
+    *,
+    replay: Replay | None = None,
+    moves_to: Path | None = None,
+) -> None:
     """Write a scenario to a TOML file, its defaults written out.
 
     Parameters
@@ -194,6 +200,9 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
         The file to write.
     replay
         How it was run.
+    moves_to
+        The folder from which it will be read, if another: the file of its plant is named from
+        there.
 
     Raises
     ------
@@ -208,7 +217,8 @@ def save_scenario(scenario: Scenario, path: str | Path, *, replay: Replay | None
         if not scenario.plant.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, to be named in one"
             raise InvalidValueError(f"plant {scenario.plant.name!r}", rule)
-        table["plant"] = _relative(scenario.plant.origin, Path(path).parent.absolute())
+        folder = Path(path).parent if moves_to is None else moves_to
+        table["plant"] = _relative(scenario.plant.origin, folder.absolute())
     if replay is not None:
         table["replay"] = {name: value for name, value in asdict(replay).items() if value}
     write_text(Path(path), tomli_w.dumps(table))

@@ -569,7 +569,6 @@ class Scenario:
         if self.imperfections != IDEAL or self.belief != TRUTH:
             rule = (
                 'has imperfections, which only mode "sampled" simulates: use that (the commands '
-                "simulate, without --compare, and compare do), or remove [imperfections] and "
-                "[belief]"
+                "simulate and compare do), or remove [imperfections] and [belief]"
             )
             raise InvalidValueError(f"scenario {self.name!r}", rule)

@@ -161,6 +161,16 @@ class Result:
     control_period: float | None
     integrator: str
 
+    def __post_init__(self) -> None:
+        names = {scenario.name for scenario in self.scenarios}
+        if not self.rows or {run.scenario for run in self.rows} != names:
+            raise ValueError("rows must be runs of the scenarios")
+        if len(self.metrics) != len(self.rows):
+            raise ValueError("metrics must be those of the rows")
+        known = {f"{run.scenario}/{run.controller}" for run in self.rows}
+        if unknown := self.curves.keys() - known:
+            raise ValueError(f"curves must be those of the rows, got {min(unknown)!r}")
+
     @property
     def passed(self) -> bool:
         """Whether every run meets every requirement."""

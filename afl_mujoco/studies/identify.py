@@ -11,7 +11,7 @@ from typing import Annotated
 import tyro
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.files import remove_file, write_json
+from afl_mujoco.files import remove_file, require_no_folder, write_json
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS
@@ -129,6 +129,11 @@ def _estimates(one: Identified) -> Matrix:
             if not x.name.startswith(("sin_", "cos_"))  # harmonics of the linearity
         ],
     )  # fmt: skip
+
+
+def require_files(folder: Path) -> None:
+    """Raise if a folder is in the way of the files that other commands read."""
+    require_no_folder(folder, (ESTIMATES, SCENARIO))
 
 
 def write_files(result: Result, folder: Path) -> list[Path]:

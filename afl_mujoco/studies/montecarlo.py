@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,7 +12,8 @@ from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen, subject_of
-from afl_mujoco.files import output_folder, remove_file
+from afl_mujoco.errors import FileError
+from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import MISSING, fixed, percent
@@ -175,19 +177,23 @@ def run(
         runs = sample(controllers, space, samples, seed, deployed, progress, workers, cluster)
     except Interrupted as early:
         raise Interrupted(_result(request, early.result, worst), early.done) from None
-    with open_executor(workers, cluster) as executor:
-        for one in controllers:
-            if budget is None:
-                break
+    try:
+        with open_executor(workers, cluster) as executor:
+            for one in controllers:
+                if budget is None:
+                    break
 
-            def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
-                progress(f"searching the worst case for {name}", done, most)
+                def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
+                    progress(f"searching the worst case for {name}", done, most)
 
-            found = search_worst(
-                one, space, runs[one.name], seed, budget, deployed, executor, advance
-            )
-            held = f"{FOLDER}/{one.name}"
-            worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
+                found = search_worst(
+                    one, space, runs[one.name], seed, budget, deployed, executor, advance
+                )
+                held = f"{FOLDER}/{one.name}"
+                worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
+    except KeyboardInterrupt:
+        done = f"{samples} samples, {len(worst)} searches"
+        raise Interrupted(_result(request, runs, worst), done) from None
     return _result(request, runs, worst)
 
 
@@ -313,33 +319,60 @@ def _messages(result: Result) -> Iterator[str]:
 
 # --- scenario files -----------------------------------------------------------------------------
 
+_OURS = re.compile(r"failure-\d{4,}\.toml|" + "|".join(map(re.escape, FILES.values())))
+
 
 def file_of(controller: str, run: Run) -> str:
     """Return the scenario file of a failure beside the result."""
     return f"{FOLDER}/{controller}/failure-{run.draw:04d}.toml"
 
 
+def require_files(folder: Path) -> None:
+    """Raise if the folder of the scenario files holds anything that this study did not write."""
+    held = folder / FOLDER
+    if not held.exists():
+        return
+    if not held.is_dir() or held.is_symlink():
+        raise FileError(str(held), "must be a folder that this study wrote: it is replaced")
+    for path in sorted(held.rglob("*")):
+        level = len(path.relative_to(held).parts)
+        ours = path.is_dir() if level == 1 else level == 2 and _OURS.fullmatch(path.name)
+        if path.is_symlink() or not ours:
+            rule = "was not written by this study, which replaces its folder: move it away"
+            raise FileError(str(path), rule)
+
+
 def write_files(result: Result, folder: Path) -> list[Path]:
     """Write a scenario file of each failure and of each worst case, in place of older ones."""
+    require_files(folder)
     space, seed = result.space, result.seed
-    for pattern in ("failure-[0-9][0-9][0-9][0-9]*.toml", *FILES.values()):
-        for old in (folder / FOLDER).glob(f"*/{pattern}"):
-            remove_file(old)
     scenarios = {
         file_of(name, run): sample_scenario(space, run.draw, seed)
         for name in result.asked
         for run in result.failures(name)
     }
     scenarios |= {one.file: worst_scenario(space, one, seed) for one in result.worst_cases}
-    for place in {(folder / file).parent for file in scenarios}:
-        output_folder(place)
-    for file, scenario in scenarios.items():
-        replay = Replay(
-            controller=result.asked[Path(file).parent.name],
-            timestep=result.timestep,
-        )
-        save_scenario(scenario, folder / file, replay=replay)
-    return [folder / FOLDER] if scenarios else []
+    replays = {
+        name: Replay(controller=asked, timestep=result.timestep)
+        for name, asked in result.asked.items()
+    }
+    with hidden_folder(folder, FOLDER) as staging:
+        try:
+            for name in replays:
+                (staging / FOLDER / name).mkdir(parents=True)
+            for file, scenario in scenarios.items():
+                place, replay = (folder / file).parent, replays[Path(file).parent.name]
+                save_scenario(scenario, staging / file, replay=replay, moves_to=place)
+            if (folder / FOLDER).exists():
+                (folder / FOLDER).rename(staging / "before")
+            (staging / FOLDER).rename(folder / FOLDER)
+        except OSError as error:
+            raise FileError.cannot_be("written", folder / FOLDER, error) from None
+        finally:
+            before = staging / "before"
+            if not (folder / FOLDER).exists() and before.exists():  # a Ctrl-C in between
+                before.rename(folder / FOLDER)
+    return [folder / FOLDER]
 
 
 STUDY = Study(

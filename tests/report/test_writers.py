@@ -63,7 +63,8 @@ REPORT = blocks.Report(title="Study", headline=f"1 of 3 fails {NASTY}", passed=F
 def html(folder, *others: blocks.Report) -> str:
     reports = {f"study{k or ''}": one for k, one in enumerate((REPORT, *others))}
     last = blocks.Section("Reproduce", "reproduce", ("the command",))
-    return to_html("Reports", reports, folder, [last])
+    files = {path.name for path in folder.iterdir()}
+    return to_html("Reports", reports, folder, [last], files)
 
 
 WRITERS = {

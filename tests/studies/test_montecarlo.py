@@ -10,6 +10,7 @@ from scipy.stats import beta
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
+from afl_mujoco.errors import FileError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
 from afl_mujoco.scenario.ranges import Ranges
@@ -19,6 +20,7 @@ from afl_mujoco.studies import montecarlo
 from afl_mujoco.studies.montecarlo import run
 from afl_mujoco.studies.shared.contract import Interrupted
 from afl_mujoco.studies.shared.run import run_all
+from afl_mujoco.studies.shared.search import Budget
 from tests.plants.plants import varied
 from tests.program import interrupt
 from tests.program import run as program
@@ -141,11 +143,45 @@ def test_files_are_by_number_and_of_this_study_alone(heavy: montecarlo.Result, t
     names = {"montecarlo/lqr/failure-0003.toml", "montecarlo/lqr/failure-0123.toml"}
     assert written(tmp_path) == names
     assert find_replay(str(tmp_path / min(names))).controller == "mine:lqr"
-    theirs = {f"montecarlo/{name}" for name in ("notes.txt", "lqr/mine.toml", "lqr/failure-1.toml")}
-    for name in theirs:
-        (tmp_path / name).write_text("mine")
     montecarlo.write_files(failing(heavy), tmp_path)
-    assert written(tmp_path) == theirs
+    assert written(tmp_path) == set()
+    assert [path.name for path in tmp_path.iterdir()] == [montecarlo.FOLDER]
+
+
+@pytest.mark.parametrize(
+    "name", ["notes.txt", "lqr/notes.txt", "lqr/failure-1.toml", "lqr/deep/failure-0001.toml"]
+)
+def test_a_file_of_somebody_elses_is_not_lost(heavy, tmp_path, name) -> None:
+    montecarlo.write_files(failing(heavy, 3), tmp_path)
+    theirs = tmp_path / montecarlo.FOLDER / name
+    theirs.parent.mkdir(parents=True, exist_ok=True)
+    theirs.write_text("mine")
+    for deed in (
+        lambda: montecarlo.write_files(failing(heavy, 5), tmp_path),
+        lambda: montecarlo.require_files(tmp_path),
+    ):
+        with pytest.raises(FileError, match="was not written by this study, which replaces its"):
+            deed()
+    assert theirs.read_text() == "mine" and "montecarlo/lqr/failure-0003.toml" in written(tmp_path)
+
+
+@pytest.mark.parametrize("when", ["writing", "moving"])
+def test_a_write_that_is_broken_off_leaves_what_was_there(heavy, tmp_path, monkeypatch, when):
+    montecarlo.write_files(failing(heavy, 3), tmp_path)
+    owner, name = {"writing": (montecarlo, "save_scenario"), "moving": (Path, "rename")}[when]
+    calls, deed = [], getattr(owner, name)
+
+    def act(*arguments, **options):
+        calls.append(arguments)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return deed(*arguments, **options)
+
+    monkeypatch.setattr(owner, name, act)
+    with pytest.raises(KeyboardInterrupt):
+        montecarlo.write_files(failing(heavy, 5, 6), tmp_path)
+    assert written(tmp_path) == {"montecarlo/lqr/failure-0003.toml"}
+    assert [path.name for path in tmp_path.iterdir()] == [montecarlo.FOLDER]
 
 
 @pytest.mark.slow
@@ -159,8 +195,13 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     failures = [row for row in content["rows"] if row["failure"]]
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
     files |= {one["file"] for one in content["worst_cases"]}
-    files |= {f"montecarlo{x}" for x in (".json", ".md", "-rates.svg", "-rates.png")}
-    assert written(tmp_path / "out") == {*files, "report.html"}
+    assert written(tmp_path / "out") == {
+        *content["files"],
+        *files,
+        "montecarlo.json",
+        "report.html",
+    }
+    assert {"montecarlo.md", "montecarlo-rates.svg"} <= {*content["files"]}
     again = program("montecarlo", *words, "one", "--workers", "1", cwd=tmp_path)
     assert again.returncode == 0
     for two in (tmp_path / "out").rglob("*"):
@@ -188,6 +229,19 @@ def test_a_ctrl_c_while_sampling_keeps_what_every_controller_has_done() -> None:
     assert early.value.done == "20 of 50 samples"
     for name, some in early.value.result.runs.items():
         assert some == whole.runs[name][:20]
+
+
+def test_a_ctrl_c_while_searching_keeps_the_samples() -> None:
+    request = asked(LQR, samples=20)._replace(budget=Budget(generations=1))
+
+    def press(what: str, done: int, total: int) -> None:
+        if what.startswith("searching"):
+            raise KeyboardInterrupt
+
+    with pytest.raises(Interrupted) as early:
+        run(request, progress=press)
+    assert early.value.done == "20 samples, 0 searches"
+    assert len(early.value.result.runs["lqr"]) == 20
 
 
 @pytest.mark.slow

@@ -8,8 +8,9 @@ import pytest
 
 from afl_mujoco.errors import FileError
 from afl_mujoco.report import style
+from afl_mujoco.studies.shared import record as record_module
 from afl_mujoco.studies.shared.contract import find_study
-from afl_mujoco.studies.shared.record import load_record, load_records, save_record
+from afl_mujoco.studies.shared.record import load_record, load_records, remove_record, save_record
 from tests import study_results
 from tests.messages import line
 
@@ -58,25 +59,83 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path) 
         assert "margins.md" in written and ("margins-delay.svg" in written) == (one is record)
 
 
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt])
-def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, error) -> None:
+FOREIGN = dict.fromkeys(["../margins-x.svg", "thresholds.png", "margins-a/x.svg"], "")
+
+
+@pytest.mark.parametrize("text", ["", "[]", '{"files": 3}', json.dumps({"files": FOREIGN})])
+def test_a_list_that_names_what_is_no_file_of_the_study_removes_nothing(tmp_path, text) -> None:
+    folder = tmp_path / "out"
+    (folder / "margins-a").mkdir(parents=True)
+    others = [folder / name for name in FOREIGN]
+    for other in others:
+        other.write_text("mine")
+    (folder / "margins.json").write_text(text)
+    remove_record(find_study("margins"), folder)
+    assert not (folder / "margins.json").exists() and all(other.exists() for other in others)
+
+
+def broken_off(folder, monkeypatch, part: str, error) -> None:
     def stop(*arguments: object) -> None:
         raise error
 
-    save_record(study_results.record("margins"), tmp_path)
-    (tmp_path / "report.html").write_text("the page of the older one")
-    monkeypatch.setattr(style, "save_figure", stop)
-    with pytest.raises(error):
-        save_record(replace(study_results.record("margins"), command="the new one"), tmp_path)
+    new = replace(study_results.record("margins"), command="the new one")
+    made = {"figures": (style, "save_figure"), "text": (record_module, "write_text")}[part]
+    with (
+        monkeypatch.context() as patch,
+        pytest.raises(error if isinstance(error, type) else type(error)),
+    ):
+        patch.setattr(*made, stop)
+        save_record(new, folder)
+    assert all(path.is_file() for path in folder.iterdir())  # nothing is left of what was staged
+
+
+@pytest.mark.parametrize(
+    ("error", "older"), [(ValueError, False), (ValueError, True), (KeyboardInterrupt, False)]
+)
+def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, error, older):
+    if older:
+        save_record(study_results.record("margins"), tmp_path)
+        (tmp_path / "report.html").write_text("the page of the older one")
+    broken_off(tmp_path, monkeypatch, "figures", error)
     assert names(tmp_path) == {"margins.json", "margins.md"}
     assert load_record(find_study("margins"), tmp_path).command == "the new one"
 
 
-def test_arrays_of_another_run_are_refused(tmp_path) -> None:
-    save_record(study_results.record("compare"), tmp_path, figures=False)
-    with (tmp_path / "compare.npz").open("ab") as file:
+def contents(folder) -> dict[str, bytes]:
+    return {name: (folder / name).read_bytes() for name in names(folder)}
+
+
+@pytest.mark.parametrize(
+    ("part", "error"),
+    [("text", KeyboardInterrupt), ("figures", KeyboardInterrupt), ("text", FileError("x", "full"))],
+)
+def test_a_ctrl_c_or_a_full_disk_leaves_the_older_record_and_its_page(
+    tmp_path, monkeypatch, part, error
+):
+    save_record(study_results.record("margins"), tmp_path)
+    (tmp_path / "report.html").write_text("the page")
+    before = contents(tmp_path)
+    broken_off(tmp_path, monkeypatch, part, error)
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["margins.md", "report.html", "margins-delay.svg"])
+def test_a_folder_in_the_way_leaves_the_older_record(tmp_path, name: str) -> None:
+    save_record(study_results.record("margins"), tmp_path)
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).mkdir()
+    before = names(tmp_path)
+    with pytest.raises(FileError, match="must be a file, but is a folder"):
+        save_record(study_results.record("margins"), tmp_path)
+    assert names(tmp_path) == before
+
+
+@pytest.mark.parametrize("name", ["compare.npz", "compare-1.svg"])
+def test_files_of_another_run_are_refused(tmp_path, name: str) -> None:
+    save_record(study_results.record("compare"), tmp_path)
+    with (tmp_path / name).open("ab") as file:
         file.write(b" ")
-    with pytest.raises(FileError, match=r"compare\.npz beside it must be unchanged since it was"):
+    with pytest.raises(FileError, match=f"{name} beside it must be unchanged since it was written"):
         load_records(tmp_path)
 
 

@@ -18,8 +18,8 @@ it has
     The only place that puts the study into words: one headline, one figure, one table.
 ``films(request, result, command)``
     Only for a study whose request has ``film``: what to film, once its figures are drawn.
-``write_files(result, folder)``
-    Only for a study that writes more than figures; returns what it wrote.
+``require_files(folder)``, ``write_files(result, folder)``
+    Only for a study that writes more than figures: raises before the run; returns what it wrote.
 
 `STUDY` names the module, and is read as text. The list of commands imports no study, and a command
 only its own.

@@ -6,9 +6,8 @@ import hashlib
 import json
 import platform
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field, fields
-from functools import partial
+from functools import cached_property, partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NoReturn
@@ -19,13 +18,16 @@ from afl_mujoco.errors import FileError, reading
 from afl_mujoco.files import (
     array_names,
     atomic_file,
+    hidden_folder,
+    inside,
     parse_json,
     read_arrays,
     read_utf8,
     remove_file,
+    require_no_folder,
     write_text,
 )
-from afl_mujoco.pool import interrupts_put_off
+from afl_mujoco.pool import interrupts_put_off, is_interrupt
 from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
 from afl_mujoco.report.markdown import code, plain, to_markdown
 from afl_mujoco.report.style import write_figure
@@ -50,7 +52,7 @@ def versions() -> dict[str, str]:
     return {**found, "python": platform.python_version()}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """A result with what made it."""
 
@@ -59,8 +61,9 @@ class Record:
     command: str  # as typed into a shell
     versions: Mapping[str, str] = field(default_factory=versions)  # of `PACKAGES` and of Python
     inputs: Mapping[str, str] = field(default_factory=dict)  # digests of what was run
+    files: tuple[str, ...] = ()  # beside its JSON, if it was read from a folder
 
-    @property
+    @cached_property
     def report(self) -> Report:
         """What is shown of it."""
         return self.study.report(self.result)
@@ -76,29 +79,42 @@ def save_record(
 ) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
 
-    The numbers come first: a figure that cannot be drawn, or a Ctrl-C meanwhile, costs none.
+    Every file is complete before the older record is removed; the JSON, which names the others, is
+    moved last. A Ctrl-C before that leaves the older record as it was, or writes the numbers where
+    there is none. If a figure cannot be drawn, the rest is written before the error is raised.
     """
     study, report = record.study, record.report
     shown = report.blocks if figures else without_figures(report.blocks)
     result, arrays = packed(record.result)
-    headline = f"{report.word}: " * bool(report.word) + plain(report.headline)
-    text = [headline, *shown, f"Made by {code(record.command)}."]
-    paths = [folder / f"{study.stem}{suffix}" for suffix in (".json", ".md", ".npz")]
-    path, markdown, npz = paths
-    files = {}
-    with interrupts_put_off():
-        remove_record(study, folder)
+    path, failure = folder / f"{study.stem}.json", None
+    with hidden_folder(folder, "results") as staging:
+        try:
+            write = partial(_write, folder=staging)
+            compute(write, drawn_of(shown), "drawing", progress, workers)
+        except BaseException as error:
+            if is_interrupt(error) and path.is_file():
+                raise
+            failure = error
+            for drawn in staging.iterdir():
+                drawn.unlink()
+        headline = f"{report.word}: " * bool(report.word) + plain(report.headline)
+        text = [headline, *shown, f"Made by {code(record.command)}."]
+        section = Section(report.title, study.name, text)
+        write_text(staging / f"{study.stem}.md", to_markdown([section]))
         if arrays:
-            with atomic_file(npz) as file, file.open("wb") as stream:
+            with atomic_file(staging / f"{study.stem}.npz") as file, file.open("wb") as stream:
                 np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
-            files[npz.name] = _digest(npz)
-        write_text(markdown, to_markdown([Section(report.title, study.name, text)]))
-        write_text(path, _as_json(record, result, files))
-        others = study.write_files(record.result, folder)
-    drawn = drawn_of(shown)
-    compute(partial(_write, folder=folder), drawn, "drawing", progress, workers)
-    names = (name for one in drawn for name in one.files.values())
-    return [path, markdown, *[npz] * bool(arrays), *(folder / name for name in names), *others]
+        staged = {one.name: _digest(one) for one in sorted(staging.iterdir())}
+        write_text(staging / path.name, _as_json(record, result, staged))
+        require_no_folder(folder, (path.name, PAGE, *staged))
+        with interrupts_put_off():
+            others = study.write_files(record.result, folder)
+            remove_record(study, folder)
+            for one in sorted(staging.iterdir(), key=lambda one: one.name == path.name):
+                one.replace(folder / one.name)
+    if failure is not None:
+        raise failure
+    return [path, *(folder / name for name in staged), *others]
 
 
 def save_partial(record: Record, folder: Path, done: str) -> Path:
@@ -167,15 +183,20 @@ def load_record(study: Study, folder: Path) -> Record:
         named = {field.name for field in fields(Header)}
         own = {key: value for key, value in data.items() if key in named}
         header = parse_json(json.dumps(own), Header)
-        if npz.exists() and header.files.get(npz.name) != _digest(npz):
-            raise ValueError(f"{npz.name} beside it must be unchanged since it was written")
+        if npz.exists() and npz.name not in header.files:
+            raise ValueError(f"{npz.name} beside it must be listed")
+        for name, digest in header.files.items():
+            if _is_of(study, name) and (folder / name).is_file():
+                if _digest(inside(folder, name)) != digest:
+                    raise ValueError(f"{name} beside it must be unchanged since it was written")
         arrays = read_arrays(npz, array_names(npz)) if npz.exists() else {}
         given = {key: value for key, value in data.items() if key not in named}
-        result = unpacked(study.parts.Result, given, arrays)
-    return Record(
-        study=study, result=result, command=header.command, versions=header.versions,
-        inputs=header.inputs,
-    )  # fmt: skip
+        record = Record(
+            study=study, result=unpacked(study.parts.Result, given, arrays), command=header.command,
+            versions=header.versions, inputs=header.inputs, files=tuple(header.files),
+        )  # fmt: skip
+        drawn_of(record.report.blocks)  # raises unless its parts fit together
+    return record
 
 
 def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
@@ -185,13 +206,28 @@ def load_records(folder: Path, *, leave_out: str = "") -> list[Record]:
 
 
 def remove_record(study: Study, folder: Path) -> None:
-    """Remove an older record, its figures, and the page made of it."""
-    names = [f"{study.stem}.json", PAGE, f"{study.stem}.md", f"{study.stem}.npz"]
-    with suppress(FileError):  # of what cannot be read nobody knows the figures
-        drawn = drawn_of(load_record(study, folder).report.blocks)
-        names += [name for one in drawn for name in one.files.values()]
-    for name in names:  # first the list of all others
-        remove_file(folder / name)
+    """Remove an older record: its JSON, its files beside it as it wrote them, the page made of it.
+
+    Only what the record itself would write again is removed, not whatever its JSON lists: a file of
+    a user's may be named there.
+    """
+    path = folder / f"{study.stem}.json"
+    try:
+        with reading(path, "is not a record"):
+            wrote = dict(json.loads(read_utf8(path))["files"])
+            shown = drawn_of(load_record(study, folder).report.blocks)
+            drawn = {name for one in shown for name in one.files.values()}
+    except FileError:
+        wrote, drawn = {}, set()
+    own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
+    ours = [name for name in wrote if _is_of(study, name) and name in own]
+    for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
+        remove_file(old)
+
+
+def _is_of(study: Study, name: str) -> bool:
+    """Return whether a name is that of a file of a study, beside its JSON."""
+    return Path(name).name == name and name.split(".")[0].split("-")[0] == study.stem
 
 
 def _no_number(name: str) -> NoReturn:

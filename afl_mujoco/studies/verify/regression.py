@@ -159,7 +159,8 @@ def _figures(run: Recording | None) -> dict[str, Sequence[Any]]:
     if run is None:
         return {}
     single = {"outcome": run.outcome, **run.metrics}
-    columns = zip(COLUMNS, zip(*run.trajectory, strict=True), strict=True)
+    rows = zip(*run.trajectory, strict=True) if run.trajectory else ((),) * len(COLUMNS)
+    columns = zip(COLUMNS, rows, strict=True)
     return {name: [value] for name, value in single.items()} | dict(columns)
 
 
