@@ -13,17 +13,16 @@ import tempfile
 import time
 import tomllib
 import zipfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import NO_NUL, AflMujocoError, FileError, meant, reading
+from afl_mujoco.errors import NO_NUL, FileError, reading
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -216,10 +215,10 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
         return {name: file[name] for name in wanted}
 
 
-def toml_as_json(path: str | Path) -> str:
-    """Return the content of a TOML file as the text that `parse_json` takes."""
+def read_toml(path: str | Path) -> dict[str, Any]:
+    """Return the content of a TOML file."""
     with reading(path, "is not valid TOML", 'values are written true, 0.9, [1, 2] or "text"'):
-        return json.dumps(tomllib.loads(read_utf8(path, MOST_TOML)), default=str)
+        return tomllib.loads(read_utf8(path, MOST_TOML))
 
 
 # JSON: dataclasses are their own schema
@@ -262,7 +261,7 @@ def parse_json(text: str, kind: type[Content], context: object = None) -> Conten
     try:
         content: Content | None = _adapter(kind).validate_json(text, context=context)
     except ValidationError as error:
-        raise ValueError(_in_one_line(error, kind)) from None
+        raise ValueError(_in_one_line(error)) from None
     if content is None:
         raise ValueError("must be an object, got null")
     return content
@@ -271,89 +270,20 @@ def parse_json(text: str, kind: type[Content], context: object = None) -> Conten
 _RULES = {
     "missing": "is missing",
     "missing_argument": "is missing",
-    "float_type": "must be a number",
-    "int_type": "must be a whole number",
-    "int_from_float": "must be a whole number",
-    "string_type": "must be text",
-    "bool_type": "must be true or false",
-    "list_type": "must be a list",
-    "tuple_type": "must be a list",
-    "dataclass_type": "must be a table",
-    "model_attributes_type": "must be a table",
-    "finite_number": "must be finite",
+    "unexpected_keyword_argument": "is not a known key",
 }
 """The rule that a value breaks, by pydantic's name of the error."""
 
 
-def _in_one_line(error: Any, kind: Any) -> str:
+def _in_one_line(error: Any) -> str:
     """Return the first complaint of a pydantic ValidationError: key, rule and value."""
     first = error.errors(include_url=False)[0]
-    place, got = first["loc"], f", got {shortened(first['input'])}"
-    match first["type"], first.get("ctx", {}):
-        case "unexpected_keyword_argument", _:
-            key, owner = _resolved(kind, place[:-1])
-            known = [field.name for field in fields(owner)]
-            which = f"known keys: {', '.join(known)}{meant(place[-1], known)}"
-            return f"{_joined(key, place[-1])} is not a known key; {which}"
-        case "value_error", {"error": AflMujocoError() as own}:
-            key = _resolved(kind, place)[0]
-            return str(own.within(f"{key}.") if key else own)
-        case "value_error", _:  # its message has the value
-            return f"{_resolved(kind, place)[0]} {first['msg'].removeprefix('Value error, ')}"
-        case "union_tag_invalid" | "union_tag_not_found", context:
-            key, owner = _resolved(kind, place)
-            key = _joined(key, context["discriminator"].strip("'"))
-            tags = ", ".join(_tag(member) for member in get_args(owner))
-            got = f", got {context['tag']!r}" if "tag" in context else ""
-            return f"{key} must be one of {tags}{got}"
-        case "json_invalid", _:
-            return str(first["msg"])
-        case "missing" | "missing_argument", _:
-            got = ""
-    said = first["msg"].replace("Input should", "must", 1).replace("an object", "a table")
-    rule, key = _RULES.get(first["type"], said), _resolved(kind, place)[0]
-    if first["type"] == "list_type" and isinstance(first["input"], dict):
-        rule += f" of tables, each of which begins with [[{key}]]"
-    return f"{key} {rule}{got}".strip()
-
-
-def _joined(key: str, part: str) -> str:
-    return f"{key}.{part}" if key else part
-
-
-def _resolved(kind: Any, place: Sequence[Any]) -> tuple[str, Any]:
-    """Return a user's name of a place in a dataclass, ``schedule.pieces[0]``, and its type.
-
-    Pydantic's names also have the members of unions, by tag or type; a user's do not.
-    """
-    key, here = "", _bare(kind)
-    for part in place:
-        if isinstance(part, int):
-            key, here = f"{key}[{part}]", _bare(get_args(here)[0]) if get_args(here) else None
-        elif is_dataclass(here) and part in (hints := get_type_hints(here, include_extras=True)):
-            key, here = _joined(key, part), _bare(hints[part])
-        elif get_origin(here) is dict:
-            key, here = _joined(key, part), _bare(get_args(here)[1])
-        elif members := [one for one in get_args(here) if is_dataclass(one) and _tag(one) == part]:
-            here = members[0]
-        elif members := [one for one in get_args(here) if getattr(one, "__name__", "") == part]:
-            here = members[0]
-        else:
-            key, here = _joined(key, part), None
-    return key, here
-
-
-def _bare(kind: Any) -> Any:
-    """Return a type without its annotations and without None."""
-    while get_origin(kind) is Annotated:
-        kind = get_args(kind)[0]
-    rest = [one for one in get_args(kind) if one is not type(None)]
-    return _bare(rest[0]) if type(None) in get_args(kind) and len(rest) == 1 else kind
-
-
-def _tag(member: Any) -> str:
-    """Return the tag of a member of a union, the default of its first field."""
-    return str(fields(member)[0].default)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    said = first["msg"].removeprefix("Value error, ").replace("Input should", "must", 1)
+    rule = _RULES.get(first["type"], said)
+    without = rule == "is missing" or first["type"] in ("json_invalid", "value_error")
+    got = "" if without else f", got {shortened(first['input'])}"
+    return f"{''.join(parts).removeprefix('.')} {rule}{got}".strip()
 
 
 def shortened(value: object) -> str:

@@ -6,15 +6,16 @@ wherever its dataclass is made: from a file, from Python, or by `replace`.
 
 from __future__ import annotations
 
+import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from functools import cache
 from types import UnionType
 from typing import Annotated, Any, TypeVar, get_args, get_type_hints
 
-from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError, meant
 
 Check = Callable[[str, Any], Any]  # ``check(thing, value)``: the value as stored, or raises
 
@@ -84,10 +85,18 @@ def require_plausible(thing: str, value: object) -> float:
     return number
 
 
+def require_text(thing: str, value: object) -> str:
+    """Return `value`, or raise unless it is text."""
+    if not isinstance(value, str):
+        raise InvalidValueError(thing, "must be text", repr(value))
+    return value
+
+
 def require_switch(thing: str, value: object) -> bool:
     """Return `value`, or raise unless it is true or false."""
-    require_type(thing, value, bool)
-    return bool(value)
+    if not isinstance(value, bool):
+        raise InvalidValueError(thing, "must be true or false", repr(value))
+    return value
 
 
 def require_distinct(thing: str, names: Sequence[str], hint: str = "") -> None:
@@ -104,6 +113,7 @@ Positive = Annotated[float, require_positive]
 NotNegative = Annotated[float, require_not_negative]
 Time = Annotated[float, require_time]
 Switch = Annotated[bool, require_switch]
+Text = Annotated[str, require_text]
 
 
 class ByName(dict[str, Value]):
@@ -138,11 +148,37 @@ def table_of(check: Check) -> Check:
     """Return the check of a table of values by name."""
 
     def checked(thing: str, value: Any) -> Any:
-        if not isinstance(value, Mapping):
-            raise InvalidValueError(thing, "must be a table by name", repr(value))
-        return by_name(check)(thing, value)
+        return by_name(check)(thing, require_table(thing, value))
 
     return checked
+
+
+def require_table(thing: str, value: Any) -> Mapping[str, Any]:
+    """Return `value`, or raise unless it is a table."""
+    if not isinstance(value, Mapping):
+        raise InvalidValueError(thing, "must be a table", repr(value))
+    return value
+
+
+def require_known(table: Mapping[str, Any], known: Iterable[str]) -> None:
+    """Raise if a table of a file has a key that is not among the known ones."""
+    names = [*known]
+    for key in table:
+        if key not in names:
+            which = f"known keys: {', '.join(names)}{meant(key, names)}"
+            raise InvalidValueError(key, f"is not a known key; {which}")
+
+
+def called_with(function: Callable[..., Value], thing: str, table: Any) -> Value:
+    """Return what a function or a class returns for a table of a file, or raise by its keys."""
+    known = inspect.signature(function).parameters
+    require_table(thing, table)
+    with within(thing and f"{thing}."):
+        require_known(table, known)
+        for key, one in known.items():
+            if one.default is one.empty and key not in table:
+                raise InvalidValueError(key, "is missing")
+        return function(**table)
 
 
 def check_fields(one: Any) -> None:

@@ -3,24 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
-from afl_mujoco.errors import AflMujocoError, FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.files import parse_json, toml_as_json
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.files import read_toml
 from afl_mujoco.values import (
     Check,
     Checked,
     Finite,
     NotNegative,
     Positive,
+    Text,
+    called_with,
     check_fields,
     require_distinct,
+    require_finite,
     require_plausible,
     require_positive,
     table_of,
+    within,
 )
 
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -40,13 +44,22 @@ def _unit_of(signal: str) -> Check:
     return check
 
 
-def _require_zone(thing: str, value: Any) -> Any:
-    if not value[0] < value[1]:
-        raise InvalidValueError(thing, "must increase", list(value))
-    return value
+def _require_zone(thing: str, value: Any) -> tuple[float, float]:
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != 2:
+        raise InvalidValueError(thing, "must be two numbers", repr(value))
+    low, high = (require_finite(thing, x) for x in value)
+    if not low < high:
+        raise InvalidValueError(thing, "must increase", [low, high])
+    return low, high
 
 
-Sign = Literal[1, -1]
+def _require_sign(thing: str, value: Any) -> int:
+    if value not in (1, -1) or isinstance(value, bool):
+        raise InvalidValueError(thing, "must be 1 or -1", value)
+    return int(value)
+
+
+Sign = Annotated[int, _require_sign]
 Likely = Annotated[float, require_plausible]
 
 
@@ -54,7 +67,7 @@ Likely = Annotated[float, require_plausible]
 class TimeColumn(Checked):
     """Time of a reading, from any origin."""
 
-    column: str = "time"  # header of the column
+    column: Text = "time"  # header of the column
     unit: Annotated[str, _unit_of("time")] = "s"  # unit of the readings, one of `UNITS`
 
 
@@ -62,7 +75,7 @@ class TimeColumn(Checked):
 class SensorColumn(Checked):
     """Readings of a sensor; values are in the unit of the readings, one of `UNITS`."""
 
-    column: str = ""  # header of the column
+    column: Text = ""  # header of the column
     unit: str = ""
     sign: Sign = 1  # -1 if the readings grow the other way
     resolution: NotNegative = 0.0  # resolution of the readings
@@ -82,7 +95,7 @@ class SensorColumn(Checked):
 class AngleColumn(SensorColumn):
     """Angle of the pole: 0 upright, positive if it leans towards -z."""
 
-    column: str = "phi"
+    column: Text = "phi"
     unit: Annotated[str, _unit_of("phi")] = "rad"
     zero: Finite = 0.0  # reading of the upright pole, as far as it is known
     # start and end of the readings that are not valid, such as those of a potentiometer that does
@@ -95,7 +108,7 @@ class AngleColumn(SensorColumn):
 class PositionColumn(SensorColumn):
     """Position of the cart."""
 
-    column: str = "z"
+    column: Text = "z"
     unit: Annotated[str, _unit_of("z")] = "m"
 
 
@@ -103,7 +116,7 @@ class PositionColumn(SensorColumn):
 class CommandColumn(Checked):
     """Command to the drive, held from the time of its row to that of the next."""
 
-    column: str = "command"  # header of the column
+    column: Text = "command"  # header of the column
     sign: Sign = 1  # -1 if a positive command drives the cart towards -z
     limit: Positive = 1.0  # largest command
 
@@ -133,7 +146,7 @@ class Nominal(Checked):
 class Description:
     """What the columns of a log mean, and what is known about its cart-pole."""
 
-    name: str  # name of the cart-pole
+    name: Text  # name of the cart-pole
     # nominal time between two rows [s]; a log whose period differs by more than a tenth is refused
     period: Positive
     nominal: Nominal
@@ -156,15 +169,21 @@ class Description:
         return {name: getattr(self, name).column for name in ("time", "phi", "z", "command")}
 
 
+PARTS = {
+    "time": TimeColumn, "phi": AngleColumn, "z": PositionColumn, "command": CommandColumn,
+    "nominal": Nominal,
+}  # fmt: skip
+"""The tables of the file."""
+
+
 def load_description(path: str | Path) -> Description:
     """Read a description from a TOML file."""
-    text = toml_as_json(path)
-    try:
-        return parse_json(text, Description)
-    except AflMujocoError as error:  # pydantic lets errors through that are not a ValueError
-        raise error.within(f"{path}: ") from None
-    except ValueError as error:
-        raise FileError(f"{path}:", str(error)) from None
+    table = read_toml(path)
+    with within(f"{path}: "):
+        parts = {
+            name: called_with(PARTS[name], name, table[name]) for name in PARTS if name in table
+        }
+        return called_with(Description, "", {**table, **parts})
 
 
 def to_table(one: Any) -> dict[str, object]:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.values import Checked, Positive, Time, check_fields, instant, require_finite
+from afl_mujoco.values import Checked, Positive, Text, Time, check_fields, instant, require_finite
 
 LARGEST = 1e5  # largest force [N] or momentum [N s] of a disturbance that a simulator has to handle
 
@@ -40,8 +40,8 @@ class ForcePulse:
     force: Annotated[float, require_moderate]
     start: Time
     duration: Positive
-    input: str = ""
-    coordinate: str = ""
+    input: Text = ""
+    coordinate: Text = ""
 
     def __post_init__(self) -> None:
         check_fields(self)
@@ -86,8 +86,8 @@ class Impulse(Checked):
 
     momentum: Annotated[float, require_moderate]
     time: Time
-    input: str = ""
-    coordinate: str = ""
+    input: Text = ""
+    coordinate: Text = ""
 
     @property
     def breakpoints(self) -> tuple[float, ...]:

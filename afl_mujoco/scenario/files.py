@@ -1,28 +1,19 @@
-"""Scenario files: TOML in, the resolved scenario out.
-
-The dataclasses of this module are the schema of the file, which pydantic enforces; the scenario's
-own classes check the values.
-"""
+"""Scenario files: TOML in, the resolved scenario out; the scenario's own classes check it."""
 
 from __future__ import annotations
 
-import functools
-import inspect
-import json
-import operator
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, get_type_hints
+from typing import Any
 
 import tomli_w
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
-from afl_mujoco.files import parse_json, toml_as_json, write_text
+from afl_mujoco.files import read_toml, shortened, write_text
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Parameter, Plant, known_as, load_plant
-from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
@@ -38,35 +29,18 @@ from afl_mujoco.scenario.schedules import (
     staircase,
     trapezoid,
 )
-from afl_mujoco.values import departures, require_type, within
-
-
-class _NumberOrTable:
-    """How pydantic reads a schedule: a number means a constant schedule."""
-
-    @staticmethod
-    def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
-        from pydantic_core import core_schema
-
-        def as_table(value: Any) -> Any:
-            if isinstance(value, dict):
-                return value
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                raise ValueError(f"must be a number or a table, got {value!r:.60}")
-            return {"shape": "constant", "value": value}
-
-        return core_schema.no_info_before_validator_function(as_table, handler(source))
-
-
-class _ByShape:
-    """How pydantic distinguishes the members of a union."""
-
-    @staticmethod
-    def __get_pydantic_core_schema__(source: Any, handler: Callable[[Any], Any]) -> Any:
-        from pydantic import Discriminator
-
-        return handler(Annotated[source, Discriminator("shape")])
-
+from afl_mujoco.values import (
+    Checked,
+    Positive,
+    Text,
+    called_with,
+    departures,
+    require_finite,
+    require_known,
+    require_table,
+    require_type,
+    within,
+)
 
 _SCHEDULES: Mapping[str, Callable[..., Any]] = {
     "constant": constant,
@@ -76,78 +50,21 @@ _SCHEDULES: Mapping[str, Callable[..., Any]] = {
     "joined": joined,
 }
 _DISTURBANCES: Mapping[str, Callable[..., Any]] = {"pulse": ForcePulse, "impulse": Impulse}
-_BUILDERS = {**_SCHEDULES, **_DISTURBANCES}
-
-
-def _union(builders: Mapping[str, Callable[..., Any]]) -> Any:
-    types = {Sequence[float]: list[float], Sequence[Schedule]: list["_Schedule"]}
-    members: list[Any] = []
-    for shape, builder in builders.items():
-        hints = get_type_hints(builder)
-        defaults = {
-            name: (one.default,)
-            for name, one in inspect.signature(builder).parameters.items()
-            if one.default is not one.empty
-        }
-        keys = [
-            (n, types.get(hint, hint), *defaults.get(n, ()))
-            for n, hint in hints.items() if n != "return"
-        ]  # fmt: skip
-        own = {"__module__": __name__}  # where pydantic looks for _Schedule
-        table: list[Any] = [("shape", Literal[shape], shape), *keys]
-        members.append(make_dataclass(shape, table, frozen=True, kw_only=True, namespace=own))
-    return Annotated[functools.reduce(operator.or_, members), _ByShape]
-
-
-if TYPE_CHECKING:
-    _Schedule = Any
-    _Disturbance = Any
-else:
-    _Schedule = Annotated[_union(_SCHEDULES), _NumberOrTable]
-    _Disturbance = _union(_DISTURBANCES)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replay:
+class Replay(Checked):
     """How a scenario was run: the defaults of `afl-mujoco simulate` for it."""
 
-    controller: str | None = None
-    integrator: str | None = None
-    timestep: float | None = None
+    controller: Text | None = None
+    integrator: Text | None = None
+    timestep: Positive | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Names:
-    """A plant as a result keeps it: its names, and where it is from; nothing that is executed."""
-
-    name: str
-    origin: str = ""
-    coordinates: list[str] = field(default_factory=list)
-    units: dict[str, str] = field(default_factory=dict)
-    inputs: list[str] = field(default_factory=list)
-    parameters: dict[str, float] = field(default_factory=dict)
-    wraps: list[str] = field(default_factory=list)
-    signals: list[str] = field(default_factory=list)
-    upright: list[float] | None = None
-    start: list[float] | None = None
-    ends_at: dict[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _File:
-    name: str | None = None
-    plant: str | _Names | None = None
-    duration: float | None = None
-    initial_state: Any = None
-    schedule: dict[str, _Schedule] = field(default_factory=dict)
-    disturbances: list[_Disturbance] = field(default_factory=list)
-    imperfections: Imperfections = field(default_factory=Imperfections)
-    requirements: Requirements = field(default_factory=Requirements)
-    belief: str | dict[str, Any] = field(default_factory=dict)
-    ranges: dict[str, Any] = field(default_factory=dict)
-    replay: Replay = field(default_factory=Replay)
-
-
+_KEYS = (
+    *("name", "plant", "duration", "initial_state", "schedule", "disturbances"),
+    *("imperfections", "requirements", "belief", "ranges", "replay"),
+)
 _ABSENT_WHERE_EMPTY = ("plant", "imperfections", "requirements", "belief", "ranges")
 
 
@@ -173,14 +90,15 @@ def load_scenario(path: str | Path) -> Scenario:
         If the file cannot be read or breaks a rule; the message names file, key and value.
     """
     path = Path(path)
-    file = _read(path)
+    table = _read(path)
     with within(f"{path}: "):
-        return _scenario(file, default_name=path.stem, folder=path.parent)
+        return _scenario(table, default_name=path.stem, folder=path.parent)
 
 
 def find_replay(name: str) -> Replay:
     """Return how a scenario was run, from the table ``[replay]`` of its file."""
-    return _read(Path(name)).replay if is_toml(name) else Replay()
+    table = _read(Path(name)) if is_toml(name) else {}
+    return called_with(Replay, "replay", table.get("replay", {}))
 
 
 def save_scenario(
@@ -279,9 +197,7 @@ def as_scenarios(
 
 def scenario_from_table(table: Mapping[str, Any]) -> Scenario:
     """Return the scenario of the table of a TOML file, which has to name it."""
-    if not isinstance(table, Mapping):
-        raise InvalidValueError("scenario", "must be a table", repr(table))
-    return _scenario(parse_json(json.dumps(table), _File), default_name="")
+    return _scenario(require_table("scenario", table), default_name="")
 
 
 def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
@@ -317,20 +233,21 @@ def _plant_to_table(plant: Plant) -> dict[str, Any]:
     return {name: value for name, value in found.items() if value not in (None, "", [], {})}
 
 
-def _plant(given: str | _Names | None, folder: Path | None) -> Plant:
+def _plant(given: Any, folder: Path | None) -> Plant:
     """Return the plant of a file, loaded; of a result its names, which cannot be simulated."""
     if given in (None, CART_POLE.name):
         return CART_POLE
     if isinstance(given, str):
         return load_plant(given, folder)
-    units = given.units
-    values = {name: Parameter(x, units.get(name, "")) for name, x in given.parameters.items()}
-    table = {one.name: getattr(given, one.name) for one in fields(given)}
-    del table["units"], table["origin"]
-    names = dict.fromkeys(given.signals, float)
+    table = dict(require_table("plant", given))
+    units, origin = dict(table.pop("units", {})), str(table.pop("origin", ""))
+    values = {
+        name: Parameter(x, units.get(name, "")) for name, x in given.get("parameters", {}).items()
+    }
+    names = dict.fromkeys(table.get("signals", ()), float)
     known = Plant(**{**table, "parameters": values, "signals": names}, model="<mujoco/>")
     object.__setattr__(known, "units", units)
-    return known_as(known, given.origin)
+    return known_as(known, origin)
 
 
 def _knots(schedule: Schedule) -> Any:
@@ -341,15 +258,12 @@ def _knots(schedule: Schedule) -> Any:
     return {"shape": "piecewise-linear", "times": times, "values": values}
 
 
-def _read(path: Path) -> _File:
-    text = toml_as_json(path)
-    if text == "{}":  # a file that was never filled in would run as the nominal scenario
+def _read(path: Path) -> dict[str, Any]:
+    table = read_toml(path)
+    if not table:  # a file that was never filled in would run as the nominal scenario
         raise FileError(str(path), "must have at least one key: it is empty or all comments")
-    _require_new_spelling(path, json.loads(text))
-    try:
-        return parse_json(text, _File)
-    except ValueError as error:
-        raise InvalidValueError(f"{path}:", str(error)) from None
+    _require_new_spelling(path, table)
+    return table
 
 
 _MOVED: Mapping[str, str] = {
@@ -396,46 +310,45 @@ def _require_new_spelling(path: Path, table: Mapping[str, Any]) -> None:
                 raise InvalidValueError(f"{path}: {key}", f"is not a known key; it is now {now}")
 
 
-def _scenario(file: _File, default_name: str, folder: Path | None = None) -> Scenario:
+def _scenario(table: Mapping[str, Any], default_name: str, folder: Path | None = None) -> Scenario:
     """Build the scenario that a file describes; its plant may be relative to a folder."""
-    with within("plant: " if isinstance(file.plant, _Names) else ""):
-        plant = _plant(file.plant, folder)
-    given: dict[str, Any] = {
-        name: value
-        for name in ("duration", "initial_state")
-        if (value := getattr(file, name)) is not None
-    }
-    schedule = {}
-    for name, table in file.schedule.items():
-        with within(f"schedule.{name}."):
-            schedule[name] = table.value if table.shape == "constant" else _built(table)
-    disturbances = []
-    for i, disturbance in enumerate(file.disturbances):
-        with within(f"disturbances[{i}]."):
-            disturbances.append(_built(disturbance))
-    with within("belief."):
-        belief = Belief.of(file.belief)
+    require_known(table, _KEYS)
+    called_with(Replay, "replay", table.get("replay", {}))  # raises if it is none
+    with within("plant: " if isinstance(table.get("plant"), Mapping) else ""):
+        plant = _plant(table.get("plant"), folder)
+    schedule = require_table("schedule", table.get("schedule", {}))
+    disturbances = table.get("disturbances", [])
+    if not isinstance(disturbances, list):
+        rule = "must be a list of tables, each of which begins with [[disturbances]]"
+        raise InvalidValueError("disturbances", rule, shortened(disturbances))
     with within("ranges."):
-        ranges = Ranges.of(file.ranges)
+        ranges = Ranges.of(require_table("ranges", table.get("ranges", {})))
     return Scenario(
-        name=default_name if file.name is None else file.name,
+        name=table.get("name", default_name),
         plant=plant,
-        schedule=schedule,
-        disturbances=tuple(disturbances),
-        imperfections=file.imperfections,
-        requirements=file.requirements,
-        belief=belief,
+        schedule={name: _schedule(f"schedule.{name}", one) for name, one in schedule.items()},
+        disturbances=tuple(
+            _shaped(_DISTURBANCES, f"disturbances[{i}]", one) for i, one in enumerate(disturbances)
+        ),
+        imperfections=called_with(Imperfections, "imperfections", table.get("imperfections", {})),
+        requirements=called_with(Requirements, "requirements", table.get("requirements", {})),
         ranges=ranges,
-        **given,
+        **{key: table[key] for key in ("duration", "initial_state", "belief") if key in table},
     )
 
 
-def _built(table: Any) -> Any:
-    arguments = {f.name: getattr(table, f.name) for f in fields(table) if f.name != "shape"}
-    if "pieces" in arguments:
-        pieces: list[Schedule] = []
-        for i, piece in enumerate(arguments["pieces"]):
-            with within(f"pieces[{i}]."):
-                pieces.append(_built(piece))
-        arguments["pieces"] = pieces
-    return _BUILDERS[table.shape](**arguments)
+def _schedule(thing: str, value: Any) -> Schedule:
+    if not isinstance(value, Mapping):
+        return constant(require_finite(thing, value))
+    found: Schedule = _shaped(_SCHEDULES, thing, value)
+    return found
+
+
+def _shaped(builders: Mapping[str, Callable[..., Any]], thing: str, table: Any) -> Any:
+    """Return what a table with a shape describes."""
+    given = dict(require_table(thing, table))
+    if (shape := given.pop("shape", None)) not in [*builders]:
+        raise UnknownNameError.among(f"{thing}.shape", shape, builders)
+    if isinstance(pieces := given.get("pieces"), list):
+        given["pieces"] = [_schedule(f"{thing}.pieces[{i}]", x) for i, x in enumerate(pieces)]
+    return called_with(builders[shape], thing, given)

@@ -74,7 +74,7 @@ def test_a_pulse_acts_to_just_before_its_end_pulses_add_up_and_impulses_come_fir
     ({"schedule": {"gravity": staircase((1,), (9.81, 1.62))}},
      "schedule.gravity must be one number: only cart_mass and half_length change during a "
      "run, got [9.81, 1.62]"),
-    ({"schedule": 3}, "schedule must be a table by name, got 3"),
+    ({"schedule": 3}, "schedule must be a table, got 3"),
     ({"initial_state": {"psi": 1}},
      "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?"),
 ], ids=lambda value: "-".join(value) if isinstance(value, dict) else "")  # fmt: skip

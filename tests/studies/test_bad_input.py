@@ -181,7 +181,7 @@ CASES = {
         (["still.csv", "--description", "none.toml"], "none.toml cannot be read: no such file"),
         (["still.csv", "--description", "rig.toml"], "phi must vary: the angle is constant"),
         (["real.toml", "--description", "rig.toml"], "real.toml: column 'time' is missing"),
-        (["still.csv", "--description", "real.toml"], "real.toml: period is missing"),
+        (["still.csv", "--description", "real.toml"], "real.toml: imperfections is not a known"),
     ],
     "hardware": [
         (["--logs", "taken"], "taken must contain logs, *.csv"),

@@ -149,10 +149,10 @@ LONG = BARE | {"scenario": "s", "control_period": "long"}
     ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
     ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
     ('{"schema": 5, "study": "margins"}', "command is missing"),
-    (json.dumps(BARE | {"command": 3}), "command must be text, got 3"),
-    (json.dumps(LONG), "control_period must be a number, got 'lo"),
-    (json.dumps(BARE | {"versions": []}), "versions must be a table, got []"),
-    (json.dumps(BARE | {"inputs": None}), "inputs must be a table, got None"),
+    (json.dumps(BARE | {"command": 3}), "command must be a valid string, got 3"),
+    (json.dumps(LONG), "control_period must be a valid number, got 'lo"),
+    (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
+    (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
     ('{"schema": NaN}', "NaN is not a JSON number"),
 ], ids=lambda text: text[:36])  # fmt: skip
 def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(tmp_path, content, rule) -> None:

@@ -112,13 +112,13 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
 
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [("", "Invalid JSON"), ("<<<<<<< HEAD", "Invalid JSON"), ("[]", "must be a table"),
+    [("", "Invalid JSON"), ("<<<<<<< HEAD", "Invalid JSON"), ("[]", "must be an object"),
      ("{}", "scenario is missing"),
      (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
      (text(made("other")), "its file must be named other.fixed.json"),
-     (text(made()).replace("59.0", '"fast"'), "must be a number, got 'fast'"),
+     (text(made()).replace("59.0", '"fast"'), "must be a valid number, got 'fast'"),
      (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
-     (text(made()).replace("2.5", "NaN"), "objective must be finite, got nan")],
+     (text(made()).replace("2.5", "NaN"), "objective must be a finite number, got nan")],
     ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
 )  # fmt: skip
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(baselines, content, reason) -> None:
