@@ -150,7 +150,7 @@ class ModelPredictive:
             plan = self.solved(self.first, {"x0": first_guess(x, belief, p), **rules})
         if plan is None:
             self.failed, self.plan = self.failed + 1, None
-            force = FIXED.force(x, belief)
+            force = float(afl.control_force(x, belief, afl.FIXED_GAINS))
         else:
             force, self.plan = float(plan[4 * (len(INTERVALS) + 1)]), shifted(plan)
         self.peak = max(self.peak, abs(force))
@@ -185,7 +185,7 @@ def first_guess(x: Any, plant: Any, p: Any) -> Any:
     for periods in INTERVALS:
         forces = []
         for _ in range(10 * periods):
-            force = FIXED.force(x, plant)
+            force = float(afl.control_force(x, plant, afl.FIXED_GAINS))
             forces.append(force)
             peak = max(peak, abs(force))
             x = x + 0.1 * PERIOD * np.array(rates(x, force, p)).ravel()

@@ -14,6 +14,7 @@ from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
 from tests import program
+from tests.feedback import force_of
 
 pytestmark = pytest.mark.slow
 
@@ -190,7 +191,7 @@ def test_a_learned_policy_runs_as_a_controller(monkeypatch: pytest.MonkeyPatch) 
         def predict(self, seen, deterministic: bool):
             *state, mass, length = seen * [4.0, 2.0, 8.0, 8.0, 2.0, 1.0]
             plant = afl.CartPoleParameters(cart_mass=mass, half_length=length)
-            force = afl.CONTROLLERS["lqr"].force(np.array(state), plant)
+            force = force_of(afl.CONTROLLERS["lqr"], np.array(state), plant)
             return np.array([force / 32.0]), None
 
     def make_vec_env(environment, *, n_envs: int, seed: int, env_kwargs):

@@ -17,7 +17,6 @@ from afl_mujoco.control.controller import (
     PARTIAL,
     CompiledController,
     Controller,
-    assumed_as_data,
 )
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.errors import InvalidValueError
@@ -106,19 +105,18 @@ class StateFeedback(Controller):
     # (L1) of the assumed plant turns into a force
     kind: int
     design: Design  # gains by the assumed M and l
-    # constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
-    belief: CartPoleParameters | None = None
 
-    def nodes(self, plants: PlantRange) -> tuple[Floats, Floats]:
-        """Return the nodes between which the gains are interpolated, none for one assumed plant."""
-        if self.belief is not None:
-            return np.empty(0), np.empty(0)
-        return self.design.over(plants)[1:]
+    def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
+        """Return the nodes between which the gains are interpolated."""
+        (pole_mass, _), (gravity, _) = spans["pole_mass"], spans["gravity"]
+        plants = PlantRange(spans["cart_mass"], spans["half_length"], pole_mass, gravity)
+        _, masses, lengths = self.design.over(plants)
+        return {"cart_mass": masses, "half_length": lengths}
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: copies, which they may write to."""
         try:
-            grid = self.design.over(plants if self.belief is None else PlantRange.of(self.belief))
+            grid = self.design.over(plants)
         except InvalidValueError as error:
             raise error.within(f"controller {self.name!r}: ") from None
         return CompiledController(self.kind, *(one.copy() for one in grid))
@@ -129,7 +127,7 @@ class StateFeedback(Controller):
             "name": self.name,
             "formula": FORMULAS[self.kind],
             "gains": dict(self.design.description),
-            "belief": assumed_as_data(self.belief),
+            "belief": "true",
         }
 
 

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -18,8 +18,6 @@ from afl_mujoco.control.controller import (
     AFL,
     CompiledController,
     Controller,
-    PaperLaw,
-    assumed_as_data,
 )
 from afl_mujoco.control.estimator import EstimatedController
 from afl_mujoco.control.gains import (
@@ -30,6 +28,7 @@ from afl_mujoco.control.gains import (
     beyond_table,
     shipped_data,
 )
+from afl_mujoco.control.law import sliding_and_drift
 from afl_mujoco.control.names import ANGLE, ESTIMATED, INFORMED, PAPER
 from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
@@ -51,7 +50,7 @@ def _compiled(gain_function: GainFunction) -> CompiledController:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AFLController(PaperLaw):
+class AFLController(Controller):
     """The control law (L1)-(L10) with its gains and the parameters it assumes.
 
     Attributes
@@ -74,6 +73,18 @@ class AFLController(PaperLaw):
         require_type("gain_function", self.gain_function, GainFunction)
         require_type("belief", self.belief, CartPoleParameters | None)
 
+    @property
+    def kind(self) -> int:
+        """The paper's control law."""
+        return AFL
+
+    def assumed(self, values: Floats) -> Floats:
+        """Return the parameters of its belief in place of those that it is told, if it has one."""
+        if self.belief is None:
+            return values
+        own = [getattr(self.belief, name) for name in self.plant.parameters]
+        return np.array(np.broadcast_to(own, values.shape))
+
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: (G1) has a gain for every plant."""
         return _compiled(self.gain_function)
@@ -95,12 +106,19 @@ class AFLController(PaperLaw):
         _require_positive_gains(inputs)
         return inputs
 
+    def saturation_ratio(self, states: Floats, inputs: Floats) -> Floats:
+        """Return s / Phi at each of N states: beyond +-1 the switching term is saturated."""
+        z, phi, z_dot, phi_dot = states.T
+        length, gravity, slope, layer = inputs.T[[2, 3, 5, 6]]
+        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, length, gravity, slope)
+        return np.asarray(surface / layer)
+
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""
         return {
             "name": self.name,
             "gain_function": {n: list(getattr(self.gain_function, n)) for n in GAIN_NAMES},
-            "belief": assumed_as_data(self.belief),
+            "belief": "true" if self.belief is None else asdict(self.belief),
         }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import Any, ClassVar, NamedTuple, Protocol
@@ -12,9 +11,9 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
-from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force, sliding_and_drift
-from afl_mujoco.errors import ControllerDomainError, InvalidValueError
-from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
+from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
+from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -33,18 +32,6 @@ class CompiledController(NamedTuple):
     table: Floats
     masses: Floats  # nodes M [kg] and l [m] of the table
     lengths: Floats
-
-
-@kernel
-def scheduled_force(z, phi, z_dot, phi_dot, assumed, w):
-    """Return the force [N] of the control law with the gains of (G1), NaN where it has no value."""
-    cart_mass, pole_mass, half_length, gravity = assumed
-    return force_kernel(
-        z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
-        scheduled_gain(cart_mass, half_length, w[0]),
-        scheduled_gain(cart_mass, half_length, w[1]),
-        scheduled_gain(cart_mass, half_length, w[2]),
-    )  # fmt: skip
 
 
 @kernel
@@ -114,7 +101,13 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
     masses, lengths: Nodes M [kg] and l [m], increasing; `AFL` does not use them.
     """
     if kind == AFL:
-        return scheduled_force(z, phi, z_dot, phi_dot, assumed, table[0])
+        cart_mass, pole_mass, half_length, gravity = assumed
+        return force_kernel(
+            z, phi, z_dot, phi_dot, cart_mass, pole_mass, half_length, gravity,
+            scheduled_gain(cart_mass, half_length, table[0, 0]),
+            scheduled_gain(cart_mass, half_length, table[0, 1]),
+            scheduled_gain(cart_mass, half_length, table[0, 2]),
+        )  # fmt: skip
     gains = interpolated_gains(table, masses, lengths, assumed[0], assumed[2])
     return _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains)
 
@@ -197,7 +190,7 @@ class Controller(Protocol):
     """
 
     name: str
-    belief: CartPoleParameters | None
+    belief: CartPoleParameters | None = None
     plant: Plant = CART_POLE
     interpreted: ClassVar[bool] = False
     not_compiled: ClassVar[str] = ""
@@ -239,10 +232,6 @@ class Controller(Protocol):
         """Return remarks on an estimator that cannot follow a run, one sentence each."""
         return []
 
-    def nodes(self, plants: PlantRange) -> tuple[Floats, Floats]:
-        """Return the M [kg] and the l [m] of the true plant at which its gains are not smooth."""
-        return np.empty(0), np.empty(0)
-
     def rows_along(self, segment: Segment) -> tuple[Floats, Floats]:
         """Return the times at which gains along a segment have kinks, and rows between these."""
         raise InvalidValueError(f"controller {self.name!r}", self.not_compiled)
@@ -256,53 +245,12 @@ class Controller(Protocol):
         ...
 
     def assumed(self, values: Floats) -> Floats:
-        """Return what the controller assumes of parameters that it is told, in rows or of one.
-
-        Of the cart-pole (M, m, l, g) [kg, kg, m, m/s^2], those of its belief if it has one.
-        """
-        if self.belief is None or not has_its_names(self.plant):
-            return values
-        own = [getattr(self.belief, name) for name in self.plant.parameters]
-        return np.array(np.broadcast_to(own, values.shape))
+        """Return what the controller assumes of parameters that it is told, in rows or of one."""
+        return values
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the values of true parameters at which its gains are not smooth, by name."""
-        if not has_its_names(self.plant):
-            return {}
-        (pole_mass, _), (gravity, _) = spans["pole_mass"], spans["gravity"]
-        plants = PlantRange(spans["cart_mass"], spans["half_length"], pole_mass, gravity)
-        return dict(zip(("cart_mass", "half_length"), self.nodes(plants), strict=True))
-
-    def force(self, state: ArrayLike, truth: CartPoleParameters, time: float = 0.0) -> float:
-        """Return the force [N] at one state, from the compiled controller.
-
-        Parameters
-        ----------
-        state
-            (z, phi, z_dot, phi_dot), shape (4,).
-        truth
-            The plant's true parameters now.
-        time
-            Time [s]; used only by a Python controller.
-
-        Raises
-        ------
-        ControllerDomainError
-            If the controller has no force at the pole angle; the paper's has none outside
-            ``|phi| < pi/2``.
-        """
-        told = np.array([getattr(truth, name) for name in self.plant.parameters])
-        force = float(self.command(time, state, self.assumed(told)))
-        compiled = not (self.interpreted or self.stateful)  # the others answer NaN
-        if (
-            compiled
-            and math.isnan(force)
-            and not abs(phi := float(np.asarray(state)[1])) < 0.5 * np.pi
-        ):
-            raise ControllerDomainError(
-                "pole angle phi", "must lie inside (-pi/2, pi/2)", f"{phi:g} rad"
-            )
-        return force
+        return {}
 
     def command(self, time: float, state: ArrayLike, assumed: Floats) -> float:
         """Return the force [N] at a state and an assumed (M, m, l, g), NaN where it has none."""
@@ -339,33 +287,12 @@ class Controller(Protocol):
         return None
 
 
-class PaperLaw(Controller, Protocol):
-    """A controller by the control law (L1)-(L10)."""
-
-    @property
-    def kind(self) -> int:
-        """The paper's control law."""
-        return AFL
-
-    def saturation_ratio(self, states: Floats, inputs: Floats) -> Floats:
-        """Return s / Phi at each of N states: beyond +-1 the switching term is saturated."""
-        z, phi, z_dot, phi_dot = states.T
-        length, gravity, slope, layer = inputs.T[[2, 3, 5, 6]]
-        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, length, gravity, slope)
-        return np.asarray(surface / layer)
-
-
 def _range_of(assumed: Floats) -> PlantRange:
     """Return the range of plants in rows of assumed (M, m, l, g), with m and g constant."""
     masses, lengths = (
         (float(column.min()), float(column.max())) for column in (assumed[:, 0], assumed[:, 2])
     )
     return PlantRange(masses, lengths, float(assumed[0, 1]), float(assumed[0, 3]))
-
-
-def assumed_as_data(belief: CartPoleParameters | None) -> Any:
-    """Return assumed parameters as plain data, for provenance: ``"true"`` or the parameters."""
-    return "true" if belief is None else {k: getattr(belief, k) for k in belief.__slots__}
 
 
 # A controller along a segment of a run, as compiled loops call it at any time in it.

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Annotated, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +13,7 @@ from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-from afl_mujoco.values import Positive, Switch, check_fields, require_positive, require_type
+from afl_mujoco.values import require_type
 
 Floats = NDArray[np.float64]
 
@@ -255,84 +253,53 @@ SETTINGS = np.dtype(
 """The settings as the compiled estimator takes them, SI units."""
 
 
-def _range(name: str, value: object) -> tuple[float, float]:
-    require_type(name, value, Iterable)
-    numbers = tuple(require_positive(name, x) for x in value)  # type: ignore[attr-defined]
-    if len(numbers) != 2 or not numbers[0] < numbers[1]:
-        raise InvalidValueError(name, "must be two increasing numbers", numbers)
-    return numbers[0], numbers[1]
-
-
-Range = Annotated[tuple[float, float], _range]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorSettings:
-    """What the estimator assumes of the hardware, and how accurate each assumption is."""
+    """What the estimator assumes of the hardware, and how accurate each assumption is.
+
+    Positive numbers, which are not checked: a controller by its name has these.
+    """
 
     # standard deviation of the measured z [m] and phi [rad]; for an encoder that only rounds, its
     # step over the square root of 12. The defaults are for steps of 0.35 mm and 3600 counts per
     # turn
-    position_noise: Positive = 1e-4
-    angle_noise: Positive = 5e-4
+    position_noise: float = 1e-4
+    angle_noise: float = 5e-4
     # intensity of the white acceleration of the cart that the model does not know, from forces that
     # are not measured [m/s^2/sqrt(Hz)]. A larger value makes the estimate of M more robust against
     # friction, and more biased at rest: the controller reacts to the noise that passes the filter
-    acceleration_noise: Positive = 0.01
+    acceleration_noise: float = 0.01
     # least relative standard deviation of M and l while the motion is excited [1]: it keeps the
     # filter able to follow a change of M or l
-    cart_mass_accuracy: Positive = 0.1
-    half_length_accuracy: Positive = 0.1
+    cart_mass_accuracy: float = 0.1
+    half_length_accuracy: float = 0.1
     # excitation: an estimate of M or l that has reached that accuracy is frozen while the moving
     # mean of z'' or of l phi'' is smaller than this [m/s^2]: what moves a settled cart-pole is the
     # noise of its own sensors, from which nothing is learned
-    least_cart_acceleration: Positive = 0.05
-    least_pole_acceleration: Positive = 0.03
-    excitation_memory: Positive = 0.3  # time constant of that moving mean [s]
+    least_cart_acceleration: float = 0.05
+    least_pole_acceleration: float = 0.03
+    excitation_memory: float = 0.3  # time constant of that moving mean [s]
     # M and l assumed before the first measurement [kg, m]. A light cart makes the first force
     # gentle: an estimate that is too light costs milliseconds, one that is too heavy can cost the
     # run
-    initial_cart_mass: Positive = 0.1
-    initial_half_length: Positive = 0.5
+    initial_cart_mass: float = 0.1
+    initial_half_length: float = 0.5
     # standard deviation of the logarithms of M and l before the first measurement [1]
-    cart_mass_spread: Positive = 1.5
-    half_length_spread: Positive = 1.0
+    cart_mass_spread: float = 1.5
+    half_length_spread: float = 1.0
     # standard deviation of the velocities, which are assumed to be zero then [m/s, rad/s]
-    speed_spread: Positive = 1.0
-    rate_spread: Positive = 1.0
-    # least and largest M [kg] and l [m] that are ever assumed, as one knows them of the hardware
-    # and its loads. By default the box of the paper, widened by a quarter at either end, and half
-    # to twice the M and l at the start of a run: the plant as it is set up is known, what it
-    # becomes is not. A plant beyond them is estimated at the bound, which a remark says
-    cart_mass_range: Range | None = None
-    half_length_range: Range | None = None
-    # m [kg] and g [m/s^2], which are known: by default those of the scenario
-    pole_mass: Positive | None = None
-    gravity: Positive | None = None
+    speed_spread: float = 1.0
+    rate_spread: float = 1.0
     # whether the drive reports the force that it exerts, as a drive that measures its current does.
     # Otherwise the estimator gets the command, cut off at the force limit, which ignores a delay, a
     # slew rate or a lag of the drive
-    force_sensed: Switch = False
-
-    def __post_init__(self) -> None:
-        check_fields(self)
-        for name in ("cart_mass", "half_length"):
-            least, largest = getattr(self, f"{name}_range") or (0.0, math.inf)
-            value = getattr(self, f"initial_{name}")
-            if not least <= value <= largest:
-                rule = f"must lie in {name}_range, {least:g} to {largest:g}"
-                raise InvalidValueError(f"initial_{name}", rule, value)
+    force_sensed: bool = False
 
     def on(self, start: CartPoleParameters) -> tuple[Any, PlantRange]:
         """Return the settings for the compiled estimator, and the plants that it may assume."""
-        masses = self.cart_mass_range or _around(
-            start.cart_mass, (*CART_MASSES, self.initial_cart_mass)
-        )
-        lengths = self.half_length_range or _around(
-            start.half_length, (*HALF_LENGTHS, self.initial_half_length)
-        )
-        pole_mass, gravity = self.pole_mass or start.pole_mass, self.gravity or start.gravity
-        assumed = PlantRange(masses, lengths, pole_mass, gravity)
+        masses = _around(start.cart_mass, (*CART_MASSES, self.initial_cart_mass))
+        lengths = _around(start.half_length, (*HALF_LENGTHS, self.initial_half_length))
+        assumed = PlantRange(masses, lengths, start.pole_mass, start.gravity)
         (found,) = np.zeros(1, SETTINGS)
         found["position_variance"] = self.position_noise**2
         found["angle_variance"] = self.angle_noise**2
@@ -345,7 +312,7 @@ class EstimatorSettings:
         found["speed_variance"], found["rate_variance"] = self.speed_spread**2, self.rate_spread**2
         found["excitation_memory"] = self.excitation_memory
         found["force_sensed"] = self.force_sensed
-        found["pole_mass"], found["gravity"] = pole_mass, gravity
+        found["pole_mass"], found["gravity"] = start.pole_mass, start.gravity
         return found, assumed
 
 
@@ -357,7 +324,11 @@ cart, a pole drawn out to twice its length."""
 
 
 def _around(start: float, usual: tuple[float, ...]) -> tuple[float, float]:
-    """Return the range in which an estimate of M or l is kept if none is given."""
+    """Return the range in which an estimate of M or l is kept.
+
+    The box of the paper, widened by a quarter at either end, and half to twice the value at the
+    start of a run: the plant as it is set up is known, what it becomes is not.
+    """
     return min(start / CHANGED, min(usual) / MORE), max(start * CHANGED, max(usual) * MORE)
 
 
@@ -372,8 +343,6 @@ class EstimatedController(Controller):
     controller: Controller  # the compiled controller that uses the estimates
     # settings of the estimator
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
-    # none: the assumed parameters change along the run
-    belief: CartPoleParameters | None = field(default=None, init=False)
     estimates: ClassVar[bool] = True
     not_compiled: ClassVar[str] = 'uses the estimator; only mode "sampled" supports it'
 
@@ -403,10 +372,10 @@ class EstimatedController(Controller):
         _, assumed = self.settings.on(start)
         return [
             f"{symbol} goes to {value:g} {unit}, beyond the {least:g} to {largest:g} {unit} that "
-            f"the estimator may assume ({name} of EstimatorSettings)"
-            for symbol, unit, name, (least, largest), ends in (
-                ("M", "kg", "cart_mass_range", assumed.cart_mass, plants.cart_mass),
-                ("l", "m", "half_length_range", assumed.half_length, plants.half_length),
+            "the estimator may assume"
+            for symbol, unit, (least, largest), ends in (
+                ("M", "kg", assumed.cart_mass, plants.cart_mass),
+                ("l", "m", assumed.half_length, plants.half_length),
             )
             for value in sorted({*ends})
             if not least <= value <= largest

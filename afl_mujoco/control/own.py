@@ -22,7 +22,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from afl_mujoco.control.controller import Controller, assumed_as_data
+from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
 from afl_mujoco.loading import LIMIT, Overrun, import_from, limited
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
@@ -227,8 +227,6 @@ class PythonController(Controller):
     # instance with ``stateless = True`` is used as it is. NaN, or a `ControllerDomainError`, says
     # that it has no force there, and ends the run
     function: Any
-    # constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
-    belief: CartPoleParameters | None = None
     call_limit: float = field(default_factory=_limit.get)  # how long one call may take [s]
     # ``"module:attribute"`` if it was loaded by name; a worker process loads it again from this
     spec: str | None = None
@@ -247,7 +245,6 @@ class PythonController(Controller):
 
     def __post_init__(self) -> None:
         require_type("controller name", self.name, str)
-        require_type("belief", self.belief, CartPoleParameters | None)
         require_positive("call_limit", self.call_limit)
         require_positive("first_call_limit", self.first_call_limit)
         if self.stateful is None:
@@ -319,8 +316,8 @@ class PythonController(Controller):
         return self.spec or self.name
 
     def inputs_for(self, values: Floats) -> Floats:
-        """Return the inputs: what is assumed of the parameters, in rows."""
-        return self.assumed(values)
+        """Return the inputs: what it is told of the parameters, in rows."""
+        return values
 
     def forces(self, states: Floats, inputs: Floats, times: Floats | None = None) -> Floats:
         """Return the force [N] at each of many states; see `Controller.forces`."""
@@ -339,7 +336,7 @@ class PythonController(Controller):
             "name": self.name,
             "function": f"{named.__module__}.{named.__qualname__}",
             "source": self.source,
-            "belief": assumed_as_data(self.belief),
+            "belief": "true",
         }
 
 

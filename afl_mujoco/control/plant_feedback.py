@@ -71,7 +71,6 @@ class LinearFeedback(Controller):
     grids: Mapping[int, tuple[float, float]]  # first node and spacing of parameters with ramps
     known: dict[bytes, Floats]  # designs by parameters, shared by runs
     rows: dict[bytes, Floats] = field(default_factory=dict, repr=False)  # of `command`
-    belief: None = None
 
     @property
     def kind(self) -> int:

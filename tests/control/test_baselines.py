@@ -12,6 +12,7 @@ from afl_mujoco.scenario.parameters import PlantRange
 from afl_mujoco.simulation import integrator
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
 from afl_mujoco.studies.verify.checks import closed_loop_checks
+from tests.feedback import force_of
 
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 PAIRS = [(m, x) for m in (0.1, 0.73, 2.0) for x in (0.05, 0.41, 1.0)]
@@ -135,7 +136,7 @@ def test_between_the_nodes_the_gains_are_the_plant_s_whoever_else_was_asked_for(
 def test_a_plant_without_gains_is_refused_and_beyond_its_nodes_a_table_has_none():
     floating = afl.CartPoleParameters(gravity=1e-12)
     with pytest.raises(InvalidValueError, match=r"^controller 'lqr': the plant must be one that"):
-        afl.CONTROLLERS["lqr"].force((0.0, 0.1, 0.0, 0.0), floating)
+        force_of(afl.CONTROLLERS["lqr"], (0.0, 0.1, 0.0, 0.0), floating)
     _, how = design.DESIGNS["lqr"]
     grid = how.over(PlantRange((1.0, 2.0), (0.1, 0.9), 0.05, 9.81))
     for mass, length in ((0.5, 0.5), (4.0, 0.5), (1.5, 0.05), (1.5, 2.0)):

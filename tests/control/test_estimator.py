@@ -13,17 +13,11 @@ from numba.core.runtime import _nrt_python, rtsys
 import afl_mujoco as afl
 from afl_mujoco.control import estimator
 from afl_mujoco.control.estimator import EstimatorSettings, fill_transition, linearise
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange
-from tests.messages import line
 
 DT = 1e-3
-ODD = {"pole_mass": 0.083, "gravity": 9.65}
-
-
-def known_to(settings):
-    return settings.pole_mass or NOMINAL.pole_mass, settings.gravity or NOMINAL.gravity
+ODD = replace(NOMINAL, pole_mass=0.083, gravity=9.65)
 
 
 def flow(x, force, pole_mass, gravity):
@@ -49,8 +43,9 @@ def rk4(x, force, pole_mass, gravity, dt):
 class Textbook:
     """The extended Kalman filter (E1) to (E8) in matrices, both measurements at once."""
 
-    def __init__(self, settings: EstimatorSettings, z: float, phi: float):
-        s = self.settings = settings
+    def __init__(self, settings: EstimatorSettings, plant, z: float, phi: float):
+        s, self.plant = settings, plant
+        self.settings = s
         logs = np.log([s.initial_cart_mass, s.initial_half_length])
         self.x = np.array([z, phi, 0.0, 0.0, *logs])
         spreads = (s.speed_spread, s.rate_spread, s.cart_mass_spread, s.half_length_spread)
@@ -60,7 +55,7 @@ class Textbook:
         self.said = [*np.exp(self.x[4:]), *self.x[2:4], self.nis]
 
     def update(self, z, phi, force, dt):
-        s, known = self.settings, known_to(self.settings)
+        s, known = self.settings, (self.plant.pole_mass, self.plant.gravity)
         before, after = self.x, rk4(self.x, force, *known, dt)
         middle = np.concatenate([(before[:4] + after[:4]) / 2, before[4:]])
         A, rate = jacobian(middle, force, *known), flow(middle, force, *known)
@@ -84,7 +79,7 @@ class Textbook:
         K[4:][~learns] = 0.0
         self.x = after + K @ innovation
         self.P = (np.eye(6) - K @ H) @ P @ (np.eye(6) - K @ H).T + K @ R @ K.T
-        _, assumed = s.on(NOMINAL)
+        _, assumed = s.on(self.plant)
         ranges = np.log([assumed.cart_mass, assumed.half_length])
         for i in range(2):
             if excited[i]:
@@ -108,9 +103,9 @@ def along(memory, settings, measured, forces, dt):
     return out
 
 
-def run_estimator(settings, measured, forces, dt=DT):
+def run_estimator(settings, measured, forces, dt=DT, plant=NOMINAL):
     memory = estimator.new_filter()
-    record, _ = settings.on(NOMINAL)
+    record, _ = settings.on(plant)
     found = along(memory, record, np.ascontiguousarray(measured), np.asarray(forces), dt)
     return found, memory
 
@@ -150,24 +145,23 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
 
 
 EVERY_ODD = EstimatorSettings(
-    **ODD, position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2, cart_mass_accuracy=0.05,
+    position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2, cart_mass_accuracy=0.05,
     half_length_accuracy=0.2, least_cart_acceleration=2.0, least_pole_acceleration=0.5,
     excitation_memory=0.02, initial_cart_mass=0.7, initial_half_length=0.3, cart_mass_spread=0.6,
-    half_length_spread=0.4, speed_spread=0.3, rate_spread=0.2, cart_mass_range=(0.6, 1.2),
-    half_length_range=(0.15, 0.5),
+    half_length_spread=0.4, speed_spread=0.3, rate_spread=0.2,
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("settings", [EstimatorSettings(**ODD), EVERY_ODD], ids=["usual", "odd"])
+@pytest.mark.parametrize("settings", [EstimatorSettings(), EVERY_ODD], ids=["usual", "odd"])
 @pytest.mark.parametrize("dt", [1e-3, 4e-3], ids=["1 ms", "4 ms"])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
-    known = known_to(settings)
+    known = ODD.pole_mass, ODD.gravity
     x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
     states, forces = driven(rng, x, 1200, known=known)
     forces[600:] *= 0.01  # and a stretch with little to learn from
     measured = states[:, :2] + rng.standard_normal((1201, 2)) * [1e-4, 5e-4]
-    out, memory = run_estimator(settings, measured, forces, dt)
-    book = Textbook(settings, *measured[0])
+    out, memory = run_estimator(settings, measured, forces, dt, ODD)
+    book = Textbook(settings, ODD, *measured[0])
     expected = [book.said]
     for (z, phi), force in zip(measured[1:], forces, strict=True):
         book.update(z, phi, force, dt)
@@ -305,23 +299,8 @@ def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     assert assumed == PlantRange((0.08, 16.0), (0.04, 3.0), 0.2, 3.7)
     assert (record["pole_mass"], record["gravity"]) == (0.2, 3.7)
     np.testing.assert_allclose(np.exp(record["ln_highest"]), (16.0, 3.0))
-    given = EstimatorSettings(cart_mass_range=(0.1, 3.0), pole_mass=0.07).on(heavy)
-    assert (given[1].cart_mass, given[0]["pole_mass"]) == ((0.1, 3.0), 0.07)
     light = replace(NOMINAL, cart_mass=0.1, half_length=0.05)
     assert EstimatorSettings().on(light)[1][:2] == ((0.05, 2.5), (0.025, 1.25))
-
-
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"angle_noise": 0.0}, "must be positive, got 0.0"),
-    ({"speed_spread": math.nan}, "must be finite, got nan"),
-    ({"cart_mass_range": (1.0, 0.5)}, "must be two increasing numbers, got (1.0, 0.5)"),
-    ({"half_length_range": (1.0,)}, "must be two increasing numbers, got (1.0,)"),
-    ({"initial_cart_mass": 3.0, "cart_mass_range": (0.1, 2.5)},
-     "must lie in cart_mass_range, 0.1 to 2.5, got 3.0"),
-])  # fmt: skip
-def test_a_setting_that_breaks_its_rule_is_refused_in_one_line(changes, message):
-    with pytest.raises(InvalidValueError, match=line(f"{next(iter(changes))} {message}")):
-        EstimatorSettings(**changes)
 
 
 def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():

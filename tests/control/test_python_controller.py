@@ -28,6 +28,7 @@ from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests import program
+from tests.feedback import force_of
 from tests.messages import line
 
 ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
@@ -78,18 +79,15 @@ def test_a_controller_gets_time_a_state_of_its_own_and_assumed_parameters():
 
     own, mine = controller_of(vandal), STATE.copy()
     assert own.command(1.25, mine, ASSUMED) == 7.5
-    assert own.force(mine, afl.CartPoleParameters()) == 7.5  # at the start
+    assert force_of(own, mine, afl.CartPoleParameters()) == 7.5  # at the start
     assert seen == [(t, STATE.tolist(), afl.CartPoleParameters()) for t in (1.25, 0.0)]
     np.testing.assert_array_equal(mine, STATE)
 
 
-def test_a_belief_stands_in_for_the_truth(odd_parameters):
-    own = controller_of(lambda time, state, belief: belief.cart_mass, belief=odd_parameters)
-    assert own.force(STATE, afl.CartPoleParameters()) == odd_parameters.cart_mass
-    assert controller_of(own.function).force(STATE, afl.CartPoleParameters()) == 1.0
+def test_a_name_that_the_belief_lacks_is_answered_with_those_that_it_has():
     astray = controller_of(lambda time, state, belief: belief.mass)
     with pytest.raises(ControllerError, match=r"has no attribute 'mass'; belief has cart_mass, "):
-        astray.force(np.zeros(4), afl.CartPoleParameters())
+        astray.command(0.0, np.zeros(4), ASSUMED)
 
 
 class Brief:
@@ -292,7 +290,7 @@ def test_an_alarm_of_the_program_s_own_goes_on():
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.2)
         controller = PythonController(name="quick", function=lambda time, state, belief: 1.0)
-        assert controller.force(np.zeros(4), afl.CartPoleParameters()) == 1.0
+        assert controller.command(0.0, np.zeros(4), ASSUMED) == 1.0
         assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2
         clock.sleep(0.3)
     finally:
@@ -312,10 +310,8 @@ def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-@pytest.mark.parametrize("gains", ["fixed", "fixed-nominal"])
-def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simulate, gains):
-    compiled = afl.CONTROLLERS[gains]
-    own = controller_of(paper, belief=compiled.belief)
+def test_the_paper_s_controller_in_python_is_the_compiled_one(odd_scenario, simulate):
+    compiled, own = afl.CONTROLLERS["fixed"], controller_of(paper)
     run, reference = (simulate(odd_scenario, controller) for controller in (own, compiled))
     assert run.outcome == reference.outcome
     np.testing.assert_allclose(run.state, reference.state, atol=1e-10)
@@ -371,7 +367,7 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
     module("module_of_mine", text)
     own = afl.find_controller("module_of_mine:Set.push")
     assert own.name == "module_of_mine.Set.push"
-    assert own.force((0.0, 0.25, 0.0, 0.0), afl.CartPoleParameters()) == -0.5
+    assert force_of(own, (0.0, 0.25, 0.0, 0.0), afl.CartPoleParameters()) == -0.5
     described = json.loads(json.dumps(own.describe()))
     assert (described["function"], len(described["source"])) == ("module_of_mine.Set.push", 32)
 

@@ -21,6 +21,7 @@ from afl_mujoco.studies.montecarlo import run
 from afl_mujoco.studies.shared.contract import Interrupted
 from afl_mujoco.studies.shared.run import run_all
 from afl_mujoco.studies.shared.search import Budget
+from tests.feedback import force_of
 from tests.plants.plants import varied
 from tests.program import interrupt
 from tests.program import run as program
@@ -107,7 +108,7 @@ def hangs(t, state, belief):
 def raises(t, state, belief):
     if t > 0.1 and state[1] > 0.0:
         raise RuntimeError("no idea")
-    return ADAPTIVE.force(state, belief)
+    return force_of(ADAPTIVE, state, belief)
 
 
 @pytest.mark.parametrize(("function", "message"), [

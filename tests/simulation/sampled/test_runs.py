@@ -12,6 +12,7 @@ from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from tests.engine import jump as jump_of
+from tests.feedback import force_of
 from tests.messages import line
 
 ARRAYS = ("time", "state", "force", "command", "cart_mass", "half_length")
@@ -45,7 +46,7 @@ def plain_loop(scenario, controller, hold, integrator):
             model.set_parameters(scenario.parameters_at(0.5 * (start + end)))
         state = [*d.qpos, *d.qvel]
         if k < count and k % hold == 0:
-            force = controller.force(state, scenario.parameters_at(round(start, 9)))
+            force = force_of(controller, state, scenario.parameters_at(round(start, 9)))
         rows[k] = *state, force
         if k < count:
             hits = [d for d in scenario.disturbances if not isinstance(d, afl.ForcePulse)]
@@ -121,7 +122,7 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, nam
 def test_a_python_controller_gives_the_compiled_one_s_bits(odd_scenario, controller, imperfections):
     scenario = replace(odd_scenario, imperfections=imperfections)
     compiled = afl.simulate_mujoco(scenario, controller, "sampled")
-    mine = in_python(lambda time, state, belief: controller.force(state, belief))
+    mine = in_python(lambda time, state, belief: force_of(controller, state, belief))
     assert same(afl.simulate_mujoco(scenario, mine, "sampled"), compiled)
     assert compiled.outcome.kind == "completed"
 
