@@ -276,8 +276,10 @@ def space_table() -> str:
         "last_change": "M and l change in the first half of the run, as in the paper",
         "duration": "the paper's horizon",
     }
-    for name, unit, value in SampleSpace(LABORATORY).quantities():
+    units = {name: one.unit for name, one in DECLARATIONS.items()} | CART_POLE.units
+    times = {"last_change": SampleSpace(LABORATORY).last_change, "duration": LABORATORY.duration}
+    for name, value in (LABORATORY.ranges | times).items():
         ends = value if isinstance(value, tuple) else (value,)
         text = " to ".join(f"{x:.4g}" for x in ends)
-        rows.append((f"`{name}`", unit, text, reasons[name]))
+        rows.append((f"`{name}`", units.get(name, "s"), text, reasons[name]))
     return cells_as_table(("field", "unit", "range", "why"), rows)

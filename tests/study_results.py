@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.studies import attraction as attraction_study
 from afl_mujoco.studies import check as check_study
@@ -46,7 +45,7 @@ def checked() -> check_study.Result:
 @cache
 def monte_carlo() -> montecarlo.Result:
     asked = afl.Requirements(max={"z": 0.12})
-    ranges = Ranges(varied={"phi": (-0.4, 0.4), "delay": (0.0, 0.004)})
+    ranges = {"phi": (-0.4, 0.4), "delay": (0.0, 0.004)}
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
     budget = Budget(generations=1, population=4)
     return montecarlo.run(

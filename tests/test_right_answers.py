@@ -10,7 +10,6 @@ from scipy.integrate import solve_ivp
 
 import afl_mujoco as afl
 from afl_mujoco.cli.main import main
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from tests.messages import line
 
@@ -181,7 +180,7 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
     scenario = afl.Scenario(
         name="told", duration=0.2, belief="nominal",
         schedule={"cart_mass": afl.staircase([0.1], [8.0, 10.0]), "pole_mass": 0.2},
-        ranges=Ranges(varied={"cart_mass": (2.0, 4.0), "pole_mass": (0.3, 0.4)}, changes=0),
+        ranges={"cart_mass": (2.0, 4.0), "pole_mass": (0.3, 0.4)},
     )  # fmt: skip
     assert told(scenario) == {(8.0, 0.2, 0.5, 9.81)}  # M jumps at 0.1 s, not told
     assert told(sample_scenario(SampleSpace(scenario), 0, 1)) == {(8.0, 0.2, 0.5, 9.81)}

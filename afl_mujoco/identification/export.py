@@ -24,7 +24,6 @@ from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.rig import model_of, physical
 from afl_mujoco.scenario.belief import ERROR, Belief
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
@@ -72,7 +71,7 @@ def scenario_of(identified: Identified) -> Scenario:
         share = (found[known].high - found[known].value) / found[known].value
         varied[f"{known}{ERROR}"] = (-min(share, 0.9), share)
 
-    return replace(base, ranges=Ranges(varied=varied))
+    return replace(base, ranges=varied)
 
 
 def with_values(identified: Identified, values: dict[str, float]) -> Scenario:

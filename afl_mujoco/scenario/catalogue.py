@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import DRAWS, IDEAL
-from afl_mujoco.scenario.ranges import FIXED, Range, Ranges
+from afl_mujoco.scenario.ranges import Range
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import staircase, trapezoid
 
@@ -79,15 +79,12 @@ HARDWARE_RANGES = MappingProxyType({n: draw.range for n, draw in DRAWS.items()})
 
 LABORATORY = Scenario(
     name="laboratory",
-    ranges=Ranges(
-        varied={
-            **{name: start.range for name, start in START.items()},
-            "cart_mass": CART_MASS_RANGE,
-            "half_length": HALF_LENGTH_RANGE,
-            **HARDWARE_RANGES,
-        },
-        last_change=10.0,
-    ),
+    ranges={
+        **{name: start.range for name, start in START.items()},
+        "cart_mass": CART_MASS_RANGE,
+        "half_length": HALF_LENGTH_RANGE,
+        **HARDWARE_RANGES,
+    },
 )
 """The paper's plant and horizon on random hardware; M and l change in the first half."""
 
@@ -97,7 +94,7 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
 
     Imperfections that are not ideal in the scenario stay as they are.
     """
-    if scenario.ranges != FIXED or not scenario.is_cart_pole:
+    if scenario.ranges or not scenario.is_cart_pole:
         return scenario
     own = scenario.imperfections
     free = {
@@ -106,4 +103,4 @@ def with_ranges(scenario: Scenario, *, start: bool = False) -> Scenario:
         if own.at(name) == IDEAL.at(name) and not own.without_effect(name)
     }
     begin = {name: one.range for name, one in START.items()} if start else {}
-    return replace(scenario, ranges=Ranges(varied={**begin, **free}))
+    return replace(scenario, ranges={**begin, **free})

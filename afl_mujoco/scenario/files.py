@@ -18,7 +18,7 @@ from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import COORDINATES, STATE
-from afl_mujoco.scenario.ranges import Ranges
+from afl_mujoco.scenario.ranges import ranges_to_table
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
@@ -219,7 +219,7 @@ def scenario_to_table(scenario: Scenario) -> dict[str, Any]:
         "imperfections": departures(s.imperfections),
         "requirements": departures(s.requirements),
         "belief": s.belief.table,
-        "ranges": s.ranges.table,
+        "ranges": ranges_to_table(s.ranges),
     }
     return {key: value for key, value in found.items() if value or key not in _ABSENT_WHERE_EMPTY}
 
@@ -321,8 +321,6 @@ def _scenario(table: Mapping[str, Any], default_name: str, folder: Path | None =
     if not isinstance(disturbances, list):
         rule = "must be a list of tables, each of which begins with [[disturbances]]"
         raise InvalidValueError("disturbances", rule, shortened(disturbances))
-    with within("ranges."):
-        ranges = Ranges.of(require_table("ranges", table.get("ranges", {})))
     return Scenario(
         name=table.get("name", default_name),
         plant=plant,
@@ -332,8 +330,11 @@ def _scenario(table: Mapping[str, Any], default_name: str, folder: Path | None =
         ),
         imperfections=called_with(Imperfections, "imperfections", table.get("imperfections", {})),
         requirements=called_with(Requirements, "requirements", table.get("requirements", {})),
-        ranges=ranges,
-        **{key: table[key] for key in ("duration", "initial_state", "belief") if key in table},
+        **{
+            key: table[key]
+            for key in ("duration", "initial_state", "belief", "ranges")
+            if key in table
+        },
     )
 
 

@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import cache
-from typing import Annotated, Any
+from typing import Any
 
-from afl_mujoco.errors import InvalidValueError, UnknownNameError, meant, require_count
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.scenario.belief import is_error, require_error
 from afl_mujoco.scenario.imperfections import DECLARATIONS, DRAWS, Imperfections, declarations
 from afl_mujoco.scenario.parameters import SCHEDULES
 from afl_mujoco.values import (
-    EMPTY,
     ByName,
-    Positive,
-    check_fields,
     checks,
     require_finite,
+    require_known,
     require_positive,
-    short_repr,
-    table_of,
+    require_table,
     within,
 )
 
@@ -58,107 +54,36 @@ def variable(plant: Plant) -> tuple[str, ...]:
     return (*plant.states, *scheduled(plant), *hardware_of(plant), *constants)
 
 
-def unit_of(plant: Plant, name: str) -> str:
-    """Return the unit of something that may vary."""
-    units = plant.units
-    return units[name] if name in units else declarations(plant)[name].unit
+def ranges_of(plant: Plant, given: Any) -> ByName[Range]:
+    """Return the least and largest value of what varies, in the order of a plant's, or raise.
 
-
-MOST_CHANGES = 100  # largest number of changes of a drawn schedule
-
-
-def _changes(thing: str, value: object) -> int:
-    return require_count(thing, value, 0, MOST_CHANGES)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Ranges:
-    """What varies from run to run, and how far; the rest is as the scenario says."""
-
-    # least and largest value by name, one of `variable`; values are drawn uniformly. Where a
-    # parameter varies, its schedule is drawn, with levels within the range
-    varied: Mapping[str, Range] = EMPTY
-    # largest absolute rate of change of drawn schedules, by name [unit/s]; without one they jump
-    rates: Annotated[Any, table_of(require_positive)] = EMPTY
-    # how many times parameters change to another level, 0 for levels that stay. None for the
-    # paper's shapes: one level, two jumps between three levels or a trapezoid between two
-    changes: Annotated[int, _changes] | None = None
-    # latest time at which parameters begin to change [s]; half the duration if None
-    last_change: Positive | None = None
-
-    def __post_init__(self) -> None:
-        varied = ByName({name: _range(name, bounds) for name, bounds in self.varied.items()})
-        object.__setattr__(self, "varied", varied)
-        check_fields(self)
-
-    def of_plant(self, plant: Plant) -> Ranges:
-        """Return the same in a plant's order, or raise."""
-        if self == FIXED:
-            return self
-        known, changing = variable(plant), scheduled(plant)
-        for name, bounds in self.varied.items():
-            if name not in known:
-                which = (
-                    f"known keys: {', '.join((*known, *settings_of(plant)))}{meant(name, known)}"
-                )
-                raise InvalidValueError(f"ranges.{name}", f"is not a known key; {which}")
+    Values are drawn uniformly. Where a parameter varies, its schedule is drawn, with levels within
+    the range. What is said of a part may be in a table: ``{"noise": {"phi": (0.0, 1e-3)}}``.
+    """
+    flat: dict[str, Any] = {}
+    for name, value in require_table("ranges", given).items():
+        own = isinstance(value, Mapping)
+        flat |= {f"{name}.{part}": x for part, x in value.items()} if own else {name: value}
+    known = variable(plant)
+    with within("ranges."):
+        require_known(flat, known)
+        for name, bounds in flat.items():
             if name in hardware_of(plant) and name in plant.units:
                 rule = "must not be an imperfection and a name of the plant: rename the plant's"
-                raise InvalidValueError(f"ranges.{name}", rule)
-            with within("ranges."):
-                _require_allowed(plant, name, bounds)
-        for name in self.rates:
-            if name not in changing:
-                raise UnknownNameError.among("rate", name, changing).within("ranges.")
-            if name not in self.varied:
-                raise InvalidValueError(f"ranges.{name}{RATE}", f"needs a range of {name}")
-        drawn = (self.changes, self.last_change) != (None, None)
-        if drawn and not self.varied.keys() & {*changing}:
-            thing = "changes" if self.changes is not None else "last_change"
-            raise InvalidValueError(f"ranges.{thing}", f"needs a range of {' or '.join(changing)}")
-        varied = ByName({name: self.varied[name] for name in known if name in self.varied})
-        return replace(self, varied=varied, rates=self.rates.ordered(changing))
-
-    __repr__ = short_repr
-
-    @classmethod
-    def of(cls, table: Mapping[str, Any]) -> Ranges:
-        """Return the ranges from the table of a file."""
-        varied: dict[str, Any] = {}
-        rates: dict[str, Any] = {}
-        for name, value in table.items():
-            if isinstance(value, Mapping):
-                varied |= {f"{name}.{part}": bounds for part, bounds in value.items()}
-            elif name.endswith(RATE) and name != "slew_rate":
-                rates[name.removesuffix(RATE)] = value
-            elif name not in SETTINGS:
-                varied[name] = value
-        own = {name: table[name] for name in SETTINGS if name in table}
-        return cls(varied=varied, rates=rates, **own)
-
-    @property
-    def table(self) -> dict[str, Any]:
-        """The table that `of` takes; empty if nothing varies."""
-        found: dict[str, Any] = {}
-        for path, bounds in self.varied.items():
-            name, _, part = path.partition(".")
-            if part:
-                found.setdefault(name, {})[part] = list(bounds)
-            else:
-                found[name] = list(bounds)
-        found |= {f"{name}{RATE}": rate for name, rate in self.rates.items()}
-        settings = {"changes": self.changes, "last_change": self.last_change}
-        return found | {name: value for name, value in settings.items() if value is not None}
+                raise InvalidValueError(name, rule)
+            flat[name] = _range(name, bounds)
+            _require_allowed(plant, name, flat[name])
+    return ByName({name: flat[name] for name in known if name in flat})
 
 
-RATE = "_rate"  # ending of the key of the largest rate of a schedule
-
-SETTINGS = ("changes", "last_change")
-
-
-def settings_of(plant: Plant) -> tuple[str, ...]:
-    """Return the keys of the table besides the ranges."""
-    return (*(f"{name}{RATE}" for name in scheduled(plant)), *SETTINGS)
+def ranges_to_table(ranges: Mapping[str, Range]) -> dict[str, Any]:
+    """Return ranges as the table of a file."""
+    found: dict[str, Any] = {}
+    for path, bounds in ranges.items():
+        name, _, part = path.partition(".")
+        place, key = (found.setdefault(name, {}), part) if part else (found, name)
+        place[key] = list(bounds)
+    return found
 
 
 def _range(name: str, bounds: Any) -> Range:
@@ -182,6 +107,3 @@ def _require_allowed(plant: Plant, name: str, bounds: Range) -> None:
         rule_of = checks(Imperfections)[name.partition(".")[0]]
     for x in bounds:
         rule_of(name, x)
-
-
-FIXED = Ranges()  # nothing varies

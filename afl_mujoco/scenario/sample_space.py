@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import NamedTuple
 
 import numpy as np
 from numpy.random import Generator, Philox, SeedSequence
@@ -15,12 +14,11 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.imperfections import (
     FINEST_STEP,
     LARGEST_SEED,
-    declarations,
     require_within_stop,
 )
-from afl_mujoco.scenario.ranges import FIXED, Range, hardware_of, scheduled, unit_of, variable
+from afl_mujoco.scenario.ranges import Range, hardware_of, scheduled, variable
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Schedule, constant, slew_limited, staircase, trapezoid
+from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
 
 PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -36,23 +34,15 @@ SHAPES = tuple(PARTS)
 three levels; a trapezoid between two levels."""
 
 INSTANT = 1e-3  # instants of change are multiples of this [s]
-_LEVELS, _INSTANTS = 3, 4  # the most that a shape has
+LEVELS, INSTANTS = 3, 4  # the most that a shape has
 _POINT, _NOISE, _SEARCH, _DRAW = range(4)  # what a seed is used for
-
-
-class Quantity(NamedTuple):
-    """A number of the space: its name, its unit, and its range or value."""
-
-    name: str
-    unit: str
-    value: Range | float
 
 
 @dataclass(frozen=True, slots=True)
 class SampleSpace:
     """The scenarios that the ranges of a scenario allow, as points of a unit cube."""
 
-    # the scenario with its `Ranges`; what they leave out is the same in every sample
+    # the scenario with its ranges; what they leave out is the same in every sample
     scenario: Scenario
 
     def __post_init__(self) -> None:
@@ -63,13 +53,11 @@ class SampleSpace:
             if self.scenario.imperfections.without_effect(name):
                 rule = "must be left out: velocities are differentiated, not measured"
                 raise InvalidValueError(f"ranges.{name}", rule)
-        last, least = self.last_change, self._counts[1] * INSTANT
-        if self._drawn:
-            if last > self.scenario.duration:
-                raise InvalidValueError("last_change", "must be within the duration", last)
-            if not last > least:
-                rule = f"must be more than {least:g} s, for there are {self._counts[1]} instants"
-                raise InvalidValueError("last_change", rule, last)
+        if self.varied.keys() & {*scheduled(self.scenario.plant)}:
+            least, duration = 2 * INSTANTS * INSTANT, self.scenario.duration
+            if not duration > least:
+                rule = f"must be more than {least:g} s, for the instants of changes"
+                raise InvalidValueError("duration", rule, duration)
         names = self.scenario.plant.coordinates
         for name, x in zip(names, self.scenario.initial_state, strict=False):
             self._require_within_stop(name, x)
@@ -83,13 +71,10 @@ class SampleSpace:
         require_within_stop(f"initial_state {name}", farthest, stop, f"the shortest {key}", unit)
 
     @property
-    def _drawn(self) -> set[str]:
-        return self.varied.keys() & {*scheduled(self.scenario.plant)}
-
-    @property
     def varied(self) -> Mapping[str, Range]:
         """Least and largest value of what varies, by name."""
-        return self.scenario.ranges.varied
+        found: Mapping[str, Range] = self.scenario.ranges
+        return found
 
     def bounds(self, name: str) -> Range:
         """Return the least and the largest value of a parameter that a sample can have."""
@@ -97,17 +82,14 @@ class SampleSpace:
 
     @property
     def last_change(self) -> float:
-        """Latest time at which M and l begin to change [s]."""
-        given = self.scenario.ranges.last_change
-        return 0.5 * self.scenario.duration if given is None else given
+        """Latest time at which parameters begin to change [s]."""
+        return 0.5 * self.scenario.duration
 
     @property
     def coordinates(self) -> tuple[str, ...]:
         """Names of the cube's axes, in their order."""
-        levels, instants = self._counts
-        parts = [] if self.scenario.ranges.changes is not None else ["shape"]
-        parts += [f"level {i}" for i in range(1, levels + 1)]
-        parts += [f"instant {i}" for i in range(1, instants + 1)]
+        parts = ["shape", *(f"level {i}" for i in range(1, LEVELS + 1))]
+        parts += [f"instant {i}" for i in range(1, INSTANTS + 1)]
         found: list[str] = []
         changing = scheduled(self.scenario.plant)
         for name in variable(self.scenario.plant):
@@ -120,30 +102,6 @@ class SampleSpace:
     def dimension(self) -> int:
         """How many axes the cube has."""
         return len(self.coordinates)
-
-    @property
-    def _counts(self) -> tuple[int, int]:
-        """How many levels and instants of change a schedule has."""
-        changes = self.scenario.ranges.changes
-        return (_LEVELS, _INSTANTS) if changes is None else (changes + 1, changes)
-
-    def quantities(self) -> Iterator[Quantity]:
-        """Return every number that a sample depends on, with its unit."""
-        ranges, own, plant = self.scenario.ranges, self.scenario.imperfections, self.scenario.plant
-        for name, bounds in self.varied.items():
-            yield Quantity(name, unit_of(plant, name), bounds)
-        for name, rate in ranges.rates.items():
-            yield Quantity(f"{name}_rate", f"{plant.units[name]}/s", rate)
-        if ranges.changes is not None:
-            yield Quantity("changes", "", float(ranges.changes))
-        if self._drawn:
-            yield Quantity("last_change", "s", self.last_change)
-        for name, value in own.departing().items():
-            if name not in (*self.varied, "seed"):
-                known = declarations(plant)
-                declared = known.get(name) or known[name.partition(".")[0]]
-                yield Quantity(name, declared.unit, float(value))
-        yield Quantity("duration", "s", self.scenario.duration)
 
     def scenario_of(self, point: ArrayLike, index: int, seed: int) -> Scenario:
         """Return the scenario at a point of the cube, shape (dimension,)."""
@@ -170,7 +128,7 @@ class SampleSpace:
         return replace(
             known.changed({"seed": noise, **scaled}),
             name=f"{base.name}-{seed}-{index:04d}",
-            ranges=FIXED,
+            ranges={},
             initial_state=state,
             schedule={**base.schedule, **drawn},
         )
@@ -186,23 +144,17 @@ class SampleSpace:
         return dict(zip(names, x.tolist(), strict=True))
 
     def _schedule(self, thing: str, at: dict[str, float]) -> Schedule:
-        count, instants = self._counts
-        bounds, ranges = self.varied[thing], self.scenario.ranges
+        bounds = self.varied[thing]
         if bounds[0] == bounds[1]:
             return constant(bounds[0])
-        levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, count + 1)]
-        shares = [at[f"{thing} instant {i}"] for i in range(1, instants + 1)]
-        shape = "steps"
-        if ranges.changes is None:
-            shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
+        levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, LEVELS + 1)]
+        shares = [at[f"{thing} instant {i}"] for i in range(1, INSTANTS + 1)]
+        shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
         if shape == "constant":
-            drawn = constant(levels[0])
-        elif shape == "trapezoid":
-            drawn = trapezoid(self._times(shares), low=levels[0], high=levels[1])
-        else:
-            drawn = staircase(self._times(shares[: len(levels) - 1]), levels)
-        rate = ranges.rates.get(thing)
-        return drawn if rate is None else slew_limited(drawn, rate)
+            return constant(levels[0])
+        if shape == "trapezoid":
+            return trapezoid(self._times(shares), low=levels[0], high=levels[1])
+        return staircase(self._times(shares[: len(levels) - 1]), levels)
 
     def _times(self, shares: list[float]) -> tuple[float, ...]:
         """Return increasing instants [s] from numbers in 0 to 1 in any order."""

@@ -24,7 +24,7 @@ from afl_mujoco.scenario.parameters import (
     PlantRange,
     require_start_angle,
 )
-from afl_mujoco.scenario.ranges import FIXED, Ranges
+from afl_mujoco.scenario.ranges import ranges_of
 from afl_mujoco.scenario.requirements import NONE, Requirements, asked_of, bands_of
 from afl_mujoco.scenario.schedules import Schedule, constant
 from afl_mujoco.values import (
@@ -157,8 +157,8 @@ class Scenario:
     requirements
         What a run has to achieve.
     ranges
-        What varies from run to run where runs are drawn at random; a simulator simulates the
-        scenario as it is.
+        The least and the largest value by name of what varies where runs are drawn at random; a
+        simulator simulates the scenario as it is.
     belief
         What controllers assume of the plant: what `Belief.of` takes.
 
@@ -187,7 +187,7 @@ class Scenario:
     duration: Annotated[float, _duration] = 20.0
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
-    ranges: Ranges = FIXED
+    ranges: Any = EMPTY
     belief: Belief = TRUTH
 
     def __post_init__(self) -> None:
@@ -227,8 +227,7 @@ class Scenario:
         require_type("requirements", self.requirements, Requirements)
         object.__setattr__(self, "requirements", self.requirements.of_plant(plant))
         self.requirements.require_decidable(self.duration, self.disturbances)
-        require_type("ranges", self.ranges, Ranges)
-        object.__setattr__(self, "ranges", self.ranges.of_plant(plant))
+        object.__setattr__(self, "ranges", ranges_of(plant, self.ranges))
         self._require_ranges()
         with within("belief."):
             belief = Belief.of(self.belief).of_plant(tuple(plant.parameters))
@@ -239,12 +238,12 @@ class Scenario:
 
     def _require_ranges(self) -> None:
         """Raise if a start that is drawn could lie where a run ends, or one number be a table."""
-        for name in self.ranges.varied:
+        for name in self.ranges:
             if name in BY_INPUT and isinstance(getattr(self.imperfections, name), Mapping):
                 rule = f"must be a table by input, as imperfections.{name} is"
-                raise InvalidValueError(f"ranges.{name}", rule, list(self.ranges.varied[name]))
+                raise InvalidValueError(f"ranges.{name}", rule, list(self.ranges[name]))
         for name, end in self.ends_at.items():
-            bounds = self.ranges.varied.get(name)
+            bounds = self.ranges.get(name)
             if bounds is not None and not self.farthest(name, bounds) < end:
                 about, unit = self.about(name), self.plant.units[name]
                 ends = f"{about - end:.4g} and {about + end:.4g} {unit}, where a run ends"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.values import instant, require_finite, require_positive, require_type
+from afl_mujoco.values import instant, require_finite, require_type
 
 _MANY = 256  # number of times above which it pays to check whether they increase
 
@@ -277,35 +276,6 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
             knots.append((end, piece.before(min([end - start, *cut_off]))))
     kept = [knot for i, knot in enumerate(knots) if i == 0 or knot != knots[i - 1]]
     return Schedule(tuple(t for t, _ in kept), tuple(v for _, v in kept))
-
-
-def slew_limited(schedule: Schedule, rate: float) -> Schedule:
-    """Return the schedule that follows another by at most a rate [1/s], from its first value."""
-    rate = require_positive("rate", rate)
-    knots = list(zip(schedule.times, schedule.values, strict=True))
-    last = (math.inf, knots[-1][1])
-    time, value = knots[0]
-    found = [knots[0]]
-    for (start, begin), (end, goal) in itertools.pairwise([*knots, last]):
-        slope = (goal - begin) / (end - start) if start < end < math.inf else 0.0
-        while time < end:
-            gap = begin + slope * (time - start) - value
-            if gap == 0.0 and end == math.inf:
-                break
-            if gap == 0.0:
-                move, until = min(max(slope, -rate), rate), end
-            else:
-                move = math.copysign(rate, gap)
-                closing = (move - slope) / gap
-                until = min(time + 1.0 / closing, end) if closing > 0.0 else end
-            if until < end or (gap == 0.0 and move == slope):  # on the schedule followed
-                value = goal if until == end else begin + slope * (until - start)
-            else:
-                value += move * (until - time)
-            if until > time:
-                found.append((until, value))
-            time = until
-    return Schedule(tuple(t for t, _ in found), tuple(v for _, v in found))
 
 
 def _listed(thing: str, values: Iterable[Any]) -> tuple[Any, ...]:

@@ -20,7 +20,6 @@ from afl_mujoco.report.markdown import plain
 from afl_mujoco.report.numbers import MISSING, fixed, listed, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
-from afl_mujoco.scenario.ranges import FIXED, Ranges
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies.shared.contract import Progress, ScenarioIfAny, Study, compute, silent
@@ -100,7 +99,7 @@ class Request(NamedTuple):
             schedule={**s.nominal, **dict(zip(self.axes, plant, strict=True))},
             disturbances=(),
             requirements=replace(asked, completes=False, settling_time=None, recover_within=None),
-            ranges=FIXED,
+            ranges={},
             belief=s.belief.known(s.nominal),
         )
         return Point(controller, here, self.period, tuple(self.axes))
@@ -128,7 +127,7 @@ def prepare(options: Options) -> Request:
     scenario = PAPER if o.scenario is None else find_scenario(o.scenario)
     levels = o.levels if o.levels is not None else QUICK_LEVELS if o.quick else LEVELS
     require_count("levels", levels, 2, MOST_PLANTS)
-    spans = {**scenario.spans, **scenario.ranges.varied}
+    spans: dict[str, tuple[float, float]] = {**scenario.spans, **scenario.ranges}
     varied = [name for name in scenario.plant.parameters if spans[name][0] < spans[name][1]]
     axes = {name: tuple(np.linspace(*spans[name], levels).tolist()) for name in varied}
     if (count := levels ** len(axes)) > MOST_PLANTS:
@@ -143,7 +142,7 @@ def prepare(options: Options) -> Request:
 _ENDS = {"cart_mass": CART_MASSES, "half_length": HALF_LENGTHS}
 PAPER = Scenario(
     name="the paper's cart-poles",
-    ranges=Ranges(varied={name: (some[0], some[-1]) for name, some in _ENDS.items()}),
+    ranges={name: (some[0], some[-1]) for name, some in _ENDS.items()},
 )
 
 

@@ -19,7 +19,6 @@ from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
 from afl_mujoco.report.numbers import MISSING, fixed, percent
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
-from afl_mujoco.scenario.ranges import FIXED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
@@ -123,7 +122,7 @@ def prepare(options: Options) -> Request:
     controllers = [find_controller(name) for name in names]
     require_samples(controllers, space, samples, o.seed, deployed)
     return Request(
-        space=space, controllers=controllers, names=names, assumed=asked.ranges == FIXED,
+        space=space, controllers=controllers, names=names, assumed=not asked.ranges,
         samples=samples, seed=o.seed, deployed=deployed,
         budget=budget if o.worst_case else None,
     )  # fmt: skip

@@ -16,7 +16,6 @@ from gymnasium.vector import SyncVectorEnv
 import afl_mujoco as afl
 from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.gym_env.environment import (
     CONTROL_PERIOD,
@@ -377,7 +376,7 @@ def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:
     asked = afl.Requirements(ends_at={known(name).coordinates[1]: 0.4})
     return afl.Scenario(
         name="drawn", plant=known(name), duration=1.0, imperfections=rough, requirements=asked,
-        ranges=Ranges(varied=varied),
+        ranges=varied,
     )  # fmt: skip
 
 
@@ -421,7 +420,7 @@ def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path
 
 
 def test_a_policy_of_any_plant_is_a_controller() -> None:
-    scenario = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges=Ranges())
+    scenario = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges={})
     scenario = replace(scenario, initial_state={"x": 0.1}, duration=0.5)
     environment = ScenarioEnv(scenario)
     weight = environment.inputs(np.zeros(2)) + 5.0

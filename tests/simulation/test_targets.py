@@ -9,7 +9,6 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.simulation.metrics import label_of
 from afl_mujoco.simulation.trajectory import Layout, deviation
 from afl_mujoco.studies.attraction import Options, prepare
@@ -79,10 +78,10 @@ def test_a_deviation_is_the_same_of_a_scenario_of_a_run_and_in_compiled_loops(rn
 
 def test_starts_are_measured_from_the_target_the_shorter_way() -> None:
     for bounds in ([3.0, 3.3], [-3.2, -3.0], [9.3, 9.5]):
-        replace(NEAR, ranges=Ranges(varied={"angle": bounds}))
+        replace(NEAR, ranges={"angle": bounds})
     said = r"ranges.angle must lie between 2.842 and 3.442 rad, where a run ends, got -0.1 to 0.1"
     with pytest.raises(InvalidValueError, match=said):
-        replace(NEAR, ranges=Ranges(varied={"angle": [-0.1, 0.1]}))
+        replace(NEAR, ranges={"angle": [-0.1, 0.1]})
 
 
 def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> None:

@@ -11,7 +11,6 @@ from afl_mujoco import CONTROLLERS
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.blocks import Matrix
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.studies import margins
 from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
 
@@ -78,7 +77,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
             "half_length": afl.constant(1.5),
         },
         imperfections=afl.Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
-        ranges=Ranges(varied={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)}),
+        ranges={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)},
     )
     afl.save_scenario(own, tmp_path / "own.toml")
     own = str(tmp_path / "own.toml")

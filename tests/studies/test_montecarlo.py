@@ -13,7 +13,6 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.files import Replay, find_replay, load_scenario
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies import montecarlo
@@ -34,7 +33,7 @@ HEAVY = afl.Scenario(
     initial_state=(0.0, 0.2, 0.0, 0.0),
     imperfections=afl.Imperfections(control_period=0.01, delay=0.004),
     requirements=afl.Requirements(max={"z": 0.5, "force": 150.0}),
-    ranges=Ranges(varied={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)}, rates={"cart_mass": 4.0}),
+    ranges={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)},
 )
 SPACE = SampleSpace(HEAVY)
 

@@ -8,7 +8,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.pool import open_executor
 from afl_mujoco.scenario.imperfections import IDEAL
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     draws_of,
@@ -24,11 +23,11 @@ from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 LEANING = afl.Scenario(name="leaning", duration=2.0, initial_state=(0.0, 0.2, 0.0, 0.0))
-VARIED = Ranges(varied={"phi": (-1.3, 1.3), "delay": (0.0, 0.2)})
+VARIED = {"phi": (-1.3, 1.3), "delay": (0.0, 0.2)}
 SPACE = SampleSpace(replace(LEANING, ranges=VARIED))
 SAMPLES = 16
 SMALL = Budget(generations=3, population=6)
-SHORT = near_laboratory(duration=2.0, last_change=1.0)
+SHORT = near_laboratory(duration=2.0)
 EULER = Deployed("Euler")
 
 

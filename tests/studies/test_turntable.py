@@ -9,7 +9,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import open_executor
-from afl_mujoco.scenario.ranges import Ranges
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.time_steps import DEFAULT
 from afl_mujoco.simulation.bound_controllers import bound, lqr_of
@@ -81,7 +80,7 @@ def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> 
 @pytest.mark.slow
 def test_the_nearest_failure_of_a_scenario_that_fails_is_itself() -> None:
     strict = replace(WHEEL, requirements=afl.Requirements(max={"pole": 0.09}))
-    space = SampleSpace(replace(strict, ranges=Ranges(varied={"pole": (0.0, 0.2)})))
+    space = SampleSpace(replace(strict, ranges={"pole": (0.0, 0.2)}))
     controller = as_controller(slowing)
     with open_executor(1) as executor:
         runs = sample([controller], space, 8, 1, DEFAULT)[controller.name]
