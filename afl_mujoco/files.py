@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import re
@@ -32,20 +31,11 @@ Content = TypeVar("Content")
 _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 
 
-OURS = "afl_mujoco-"  # in names of what is hidden while written; a killed run leaves it
-
-
 @contextmanager
 def hidden_folder(folder: Path, kind: str) -> Iterator[Path]:
-    """Yield a hidden folder inside a folder, for files that move when they are complete.
-
-    It is locked: what nobody holds any longer, `output_folder` removes.
-    """
-    held = None
+    """Yield a hidden folder inside a folder, for files that move when they are complete."""
     try:
-        while held is None:
-            hidden = tempfile.mkdtemp(dir=folder, prefix=f".{kind}-{OURS}")
-            held = _claimed(hidden)
+        hidden = tempfile.mkdtemp(dir=folder, prefix=f".{kind}-")
     except OSError as error:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     try:
@@ -56,25 +46,6 @@ def hidden_folder(folder: Path, kind: str) -> Iterator[Path]:
             shutil.rmtree(hidden, ignore_errors=True)
             if not os.path.exists(hidden):
                 break
-        os.close(held)
-
-
-def _claimed(path: str | Path) -> int | None:
-    """Return the descriptor that holds a file or folder, or None if another process has it.
-
-    The system lets go of it when this process ends, however it ends.
-    """
-    held = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        if os.path.exists(path):  # else it was removed before it was held
-            return held
-    except BlockingIOError:
-        pass
-    except OSError:  # a file system without locks, on which nothing is ever taken for left
-        return held
-    os.close(held)
-    return None
 
 
 def inside(folder: Path, name: str) -> Path:
@@ -94,13 +65,12 @@ def atomic_file(path: Path) -> Iterator[Path]:
     if "\0" in str(path):
         raise FileError(str(path), NO_NUL)
     try:
-        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{OURS}", suffix=path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".afl_mujoco-", suffix=path.suffix)
     except OSError as error:
         raise FileError.cannot_be("written", path, error) from None
+    os.close(handle)
     temporary = Path(name)
     try:
-        with contextlib.suppress(OSError):  # a file system without locks
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield temporary
         umask = os.umask(0)
         os.umask(umask)
@@ -110,7 +80,6 @@ def atomic_file(path: Path) -> Iterator[Path]:
         raise FileError.cannot_be("written", path, error) from None
     finally:
         temporary.unlink(missing_ok=True)
-        os.close(handle)
 
 
 def write_text(path: Path, text: str) -> None:
@@ -137,7 +106,7 @@ def require_no_folder(folder: Path, names: Iterable[str]) -> None:
 def output_folder(path: str | Path) -> Path:
     """Return `path` as a folder that exists and can be written, made with its parents if missing.
 
-    Anything else raises a `FileError`. What a run that was killed has left hidden there goes.
+    Anything else raises a `FileError`.
     """
     folder = Path(path)
     if "\0" in str(path):
@@ -148,14 +117,6 @@ def output_folder(path: str | Path) -> Path:
         raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
-    for left in folder.glob(f".*{OURS}*"):
-        with contextlib.suppress(OSError):
-            held = os.open(left, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-            try:
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(left) if left.is_dir() else left.unlink()
-            finally:
-                os.close(held)
     return folder
 
 

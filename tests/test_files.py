@@ -2,7 +2,6 @@
 
 import os
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -92,32 +91,3 @@ def test_a_working_folder_that_is_gone_is_one_line(tmp_path: Path) -> None:
         assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
         assert "cannot be" in done.stderr and "no such file or directory" in done.stderr
         gone.mkdir()
-
-
-HOLD = """
-import sys, time
-from pathlib import Path
-from afl_mujoco.files import atomic_file, hidden_folder
-with hidden_folder(Path("."), "films") as hidden, atomic_file(Path("half.json")) as half:
-    (hidden / "half.mp4").write_text("half")
-    half.write_text("half")
-    print(flush=True)
-    time.sleep(60)
-"""
-
-
-def test_what_a_killed_run_leaves_goes_and_what_a_running_one_holds_stays(tmp_path: Path) -> None:
-    users = {".films-of-mine", ".notes"}
-    (tmp_path / ".films-of-mine").mkdir()
-    (tmp_path / ".notes").write_text("mine")
-    command = [sys.executable, "-c", HOLD]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        held = {path.name for path in tmp_path.iterdir()} - users
-        assert len(held) == 2
-        files.output_folder(tmp_path)
-        assert {path.name for path in tmp_path.iterdir()} == users | held
-        process.kill()
-    files.output_folder(tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == users

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import resources
 from importlib.resources.abc import Traversable
 from typing import Any
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import jitable
 from afl_mujoco.errors import InvalidValueError, reading
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, PlantRange
-from afl_mujoco.values import require_finite, require_positive, require_type
+from afl_mujoco.values import Checked, Positive, require_finite, require_type
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Gains:
+class Gains(Checked):
     """Gains of the sliding-mode controller, Eq. (L10).
 
     Attributes
@@ -37,14 +37,9 @@ class Gains:
         If a value is not a positive finite number.
     """
 
-    switching: float
-    slope: float
-    boundary_layer: float
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            value = require_positive(field.name, getattr(self, field.name))
-            object.__setattr__(self, field.name, value)
+    switching: Positive
+    slope: Positive
+    boundary_layer: Positive
 
 
 FIXED_GAINS = Gains(switching=109.9651, slope=1.2849, boundary_layer=100.0004)

@@ -23,7 +23,7 @@ from afl_mujoco.identification.description import (
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import write_log
 from afl_mujoco.identification.rig import model_of, physical
-from afl_mujoco.scenario.belief import ERROR, Belief
+from afl_mujoco.scenario.belief import ERROR
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
@@ -120,7 +120,7 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
         for values, row in zip(drawn, rows.tolist(), strict=True):
             values.update(zip(names, row, strict=True))
     assumed = with_values(identified, identified.values).parameters_at(0.0)
-    belief = Belief.of({"cart_mass": assumed.cart_mass, "half_length": assumed.half_length})
+    belief = {"cart_mass": assumed.cart_mass, "half_length": assumed.half_length}
     return [
         replace(
             with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)}),

@@ -65,13 +65,6 @@ class Step:
     scatter_z: float | None
     windows: int  # number of windows fitted
 
-    @property
-    def is_sound(self) -> bool:
-        """Whether there is a correlation for each pair, and the scatter is positive."""
-        count = len(self.estimates)
-        square = len(self.correlations) == count == max(map(len, self.correlations), default=0)
-        return square and self.scatter_phi > 0.0 and (self.scatter_z is None or self.scatter_z > 0)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:

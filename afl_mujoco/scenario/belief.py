@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.values import (
     EMPTY,
     ByName,
+    called_with,
     check_fields,
     require_finite,
     require_type,
@@ -49,13 +50,7 @@ class Assumed:
         """Return what a file or a caller gives: `TRUE`, `NOMINAL`, a number, or a table."""
         if isinstance(given, cls):
             return given
-        if not isinstance(given, Mapping):
-            return cls(value=given)
-        known = [one.name for one in fields(cls)]
-        for name in given:
-            if name not in known:
-                raise UnknownNameError.among("key", name, known)
-        return cls(**given)
+        return called_with(cls, "", given) if isinstance(given, Mapping) else cls(value=given)
 
     @property
     def plain(self) -> Any:
@@ -72,44 +67,33 @@ class Belief:
     """
 
     assumed: ByName[Assumed] = EMPTY  # by name, without those that are just true
-    rest: str = TRUE  # what is assumed of the others, `TRUE` or `NOMINAL`
 
     @classmethod
-    def of(cls, given: Any) -> Belief:
-        """Return what a file or a caller gives: one word for all parameters, or a table."""
+    def of(cls, given: Any, names: Sequence[str]) -> Belief:
+        """Return what a file or a caller gives for parameters: one word for all, or a table."""
         if isinstance(given, cls):
-            return given
+            given = given.assumed
         if isinstance(given, str):
-            word = Assumed(value=given).value
-            return cls(rest=str(word))
+            given = dict.fromkeys(names, Assumed(value=given))
         require_type("belief", given, Mapping)
         found = {}
         for name, one in given.items():
-            with within(f"{name} "):
-                found[str(name)] = Assumed.of(one)
-        return cls(ByName(found))
-
-    def of_plant(self, names: Sequence[str]) -> Belief:
-        """Return the same in the order of a plant's parameters, or raise."""
-        for name in self.assumed:
             if name not in names:
                 raise UnknownNameError.among("key", name, names)
-        found = {name: self.one(name) for name in names}
-        if self.rest == NOMINAL and all(one == Assumed(NOMINAL) for one in found.values()):
-            return Belief(rest=NOMINAL)
-        return Belief(ByName({name: one for name, one in found.items() if one != Assumed()}))
+            with within(f"{name} "):
+                found[name] = Assumed.of(one)
+        named = {name: found[name] for name in names if name in found}
+        return cls(ByName({name: one for name, one in named.items() if one != Assumed()}))
 
     def one(self, name: str) -> Assumed:
         """Return what is assumed of one parameter."""
-        return self.assumed.get(name) or Assumed(value=self.rest)
+        return self.assumed.get(name) or Assumed()
 
     __repr__ = short_repr
 
     @property
     def table(self) -> Any:
         """What `of` takes, in its shortest form."""
-        if self.rest != TRUE and not self.assumed:
-            return self.rest
         return {name: one.plain for name, one in self.assumed.items()}
 
     def known(self, nominal: Mapping[str, float]) -> Belief:
@@ -119,7 +103,7 @@ class Belief:
             one = self.one(name)
             return replace(one, value=nominal[name]) if one.value == NOMINAL else one
 
-        return Belief(ByName({name: known(name) for name in nominal})).of_plant([*nominal])
+        return Belief.of({name: known(name) for name in nominal}, [*nominal])
 
     def told(self, name: str, truth: Any, nominal: float | None = None) -> Any:
         """Return what is assumed of one parameter, given its true values."""
@@ -134,7 +118,7 @@ class Belief:
         """Return the same with other errors, by name with the ending `ERROR`."""
         keys = [name.removesuffix(ERROR) for name in errors]
         new = {key: replace(self.one(key), error=errors[f"{key}{ERROR}"]) for key in keys}
-        return Belief(ByName({**self.assumed, **new}), self.rest)
+        return Belief(ByName({**self.assumed, **new}))
 
     def error(self, name: str) -> float:
         """Return an error by its name with the ending `ERROR`."""

@@ -59,16 +59,6 @@ class ForcePulse:
         """The two edges [s]."""
         return self.start, self.end
 
-    def force_at(self, time: float) -> float:
-        """Return the force [N] at `time`, after the edge if there is one.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
-        return self.force if self.start <= time < self.end else 0.0
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Impulse(Checked):

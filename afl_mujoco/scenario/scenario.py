@@ -188,7 +188,7 @@ class Scenario:
     imperfections: Imperfections = IDEAL
     requirements: Requirements = NONE
     ranges: Any = EMPTY
-    belief: Belief = TRUTH
+    belief: Any = TRUTH
 
     def __post_init__(self) -> None:
         require_type("name", self.name, str)
@@ -230,7 +230,7 @@ class Scenario:
         object.__setattr__(self, "ranges", ranges_of(plant, self.ranges))
         self._require_ranges()
         with within("belief."):
-            belief = Belief.of(self.belief).of_plant(tuple(plant.parameters))
+            belief = Belief.of(self.belief, tuple(plant.parameters))
         for name, one in belief.assumed.items():
             if not isinstance(one.value, str):
                 _rule(plant.parameters[name])(f"belief.{name} value", one.value)
@@ -500,8 +500,7 @@ class Scenario:
                 start=start,
                 end=end,
                 lines=tuple(schedule.piece(start) for schedule in self.schedule.values()),
-                push=self.push_at(start),
-                impulse=self.impulse_within(start, end),
+                **self._acting(start, end),
             )
             for start, end in itertools.pairwise(cuts)
         )
@@ -521,36 +520,17 @@ class Scenario:
             gravity=self.gravity,
         )
 
-    def _acting(self, kind: type) -> list[list[Any]]:
-        found: list[list[Any]] = [[] for _ in channels_of(self.plant)]
+    def _acting(self, start: float, end: float) -> dict[str, tuple[float, ...]]:
+        """Return the forces at a start [s], after an edge, and the momenta up to an end."""
+        forces: list[list[float]] = [[] for _ in channels_of(self.plant)]
+        momenta: list[list[float]] = [[] for _ in forces]
         for one in self.disturbances:
-            if isinstance(one, kind):
-                found[channel_of(one, self.plant)].append(one)
-        return found
-
-    def push_at(self, time: float) -> tuple[float, ...]:
-        """Return the disturbing forces [N, N m] at `time`, after an edge, by `channels_of`.
-
-        Parameters
-        ----------
-        time
-            Time [s].
-        """
-        acting = self._acting(ForcePulse)
-        return tuple(math.fsum(one.force_at(time) for one in some) for some in acting)
-
-    def impulse_within(self, start: float, end: float) -> tuple[float, ...]:
-        """Return the momenta [N s, N m s] of the impulses over ``start <= t < end``, by channel.
-
-        Parameters
-        ----------
-        start, end
-            The stretch of time [s].
-        """
-        acting = self._acting(Impulse)
-        return tuple(
-            math.fsum(one.momentum for one in some if start <= one.time < end) for some in acting
-        )
+            channel = channel_of(one, self.plant)
+            if isinstance(one, ForcePulse) and one.start <= start < one.end:
+                forces[channel].append(one.force)
+            if isinstance(one, Impulse) and start <= one.time < end:
+                momenta[channel].append(one.momentum)
+        return {"push": tuple(map(math.fsum, forces)), "impulse": tuple(map(math.fsum, momenta))}
 
     @property
     def ideal(self) -> Scenario:

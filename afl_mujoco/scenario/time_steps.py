@@ -87,16 +87,6 @@ def _require_few(thing: str, length: float, unit: str, step: float) -> None:
         raise InvalidValueError(unit, f"{rule}: more steps would fill the memory", step)
 
 
-def whole_steps(thing: str, length: float, unit: str, step: float) -> int:
-    """Return how many steps [s] make up a length [s], or raise unless it is a whole number."""
-    step, length = require_positive(unit, step), require_positive(thing, length)
-    _require_few(thing, length, unit, step)
-    count = round(length / step)
-    if count < 1 or abs(count * step - length) > SNAP * step * max(count, 1):
-        raise InvalidValueError(f"{unit} {step:g} s", f"must divide {thing} {length:g} s")
-    return count
-
-
 def instants(times: Floats) -> Floats:
     """Return times [s] to the picosecond, as `instant` does: schedules have no finer ones."""
     return np.where(np.abs(times) < 1e9, np.rint(times * PER_SECOND) / PER_SECOND, times)

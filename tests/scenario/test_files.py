@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import afl_mujoco as afl
-from afl_mujoco.scenario.belief import Assumed, Belief
+from afl_mujoco.scenario.belief import Assumed
 
 POSITIVE = st.floats(1e-3, 1e3)
 NUMBER = st.floats(-1e5, 1e5)  # disturbances may not be larger
@@ -23,9 +23,7 @@ IMPERFECTIONS = st.builds(
 ASSUMED = st.builds(
     Assumed, value=st.sampled_from(("true", "nominal")) | POSITIVE, error=st.floats(-0.999, 1e3)
 )
-BELIEFS = st.just("nominal") | st.builds(
-    Belief.of, st.fixed_dictionaries({"cart_mass": ASSUMED, "gravity": ASSUMED})
-)
+BELIEFS = st.just("nominal") | st.fixed_dictionaries({"cart_mass": ASSUMED, "gravity": ASSUMED})
 NAMES = st.text(min_size=1, max_size=12).filter(lambda s: s.isprintable() and "/" not in s)
 
 

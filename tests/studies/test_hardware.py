@@ -68,7 +68,7 @@ def test_a_limit_of_no_statement_and_estimates_changed_by_hand_are_refused(tmp_p
     data["drive"]["estimates"] = data["drive"]["estimates"][1:]
     (tmp_path / "cut.json").write_text(json.dumps(data))
     said = refuses("hardware", "--estimates", "cut.json", "--logs", ".")
-    assert "cut.json has no estimates of afl-mujoco identify: correlations and scatter must" in said
+    assert "cut.json has no estimates of afl-mujoco identify: mass_ratio must be as" in said
 
 
 def judged(**values: float | None) -> Result:

@@ -11,7 +11,6 @@ import afl_mujoco as afl
 from afl_mujoco.control.cartpole_feedback import upright_model
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.belief import Belief
 from afl_mujoco.studies.margins import HELD, Request, run
 from afl_mujoco.studies.shared import loop_margins as under_test
 from afl_mujoco.studies.shared.loop_margins import Loop
@@ -31,7 +30,7 @@ def at(plant, imperfections=None, belief=None):
         name="at rest",
         schedule=asdict(plant),
         imperfections=imperfections or afl.Imperfections(),
-        belief=belief or Belief(),
+        belief=belief or {},
     )
 
 
@@ -170,7 +169,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
     ideal = linearize(lqr, NOMINAL)
     damped = linearize(lqr, NOMINAL, afl.Imperfections(damping={"z": 2.0}))
     assert damped.a[2, 2] == pytest.approx(ideal.a[2, 2] - 2.0 * ideal.b[2, 0], rel=1e-6)
-    wrong = linearize(lqr, NOMINAL, belief=Belief.of({"cart_mass": {"error": 0.5}}))
+    wrong = linearize(lqr, NOMINAL, belief={"cart_mass": {"error": 0.5}})
     np.testing.assert_allclose(wrong.a, ideal.a)
     heavier = replace(NOMINAL, cart_mass=1.5)
     np.testing.assert_allclose(wrong.k, linearize(lqr, heavier).k, rtol=1e-6)
@@ -188,7 +187,7 @@ def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
 ], ids=str)  # fmt: skip
 def test_a_motion_on_imperfect_hardware_decays_up_to_the_margin(hardware) -> None:
     period, lqr = 0.005, afl.CONTROLLERS["lqr"]
-    scenario = at(NOMINAL, hardware, Belief.of({"half_length": {"error": 0.1}}))
+    scenario = at(NOMINAL, hardware, {"half_length": {"error": 0.1}})
     (margin,) = run(Request(scenario, [lqr], {}, period)).of("lqr", HELD)
     assert 0.0 < margin.delay < 0.1
     for share, decays in ((0.97, True), (1.03, False)):
