@@ -30,7 +30,7 @@ from afl_mujoco.control.gains import (
 )
 from afl_mujoco.control.law import sliding_and_drift
 from afl_mujoco.control.names import ANGLE, ESTIMATED, INFORMED, PAPER
-from afl_mujoco.control.own import PythonController, load_python_controller, rule_for_file
+from afl_mujoco.control.own import PythonController, load_python_controller
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import scenario_to_table
@@ -199,16 +199,7 @@ def find_controller(name: str) -> Controller:
         return load_python_controller(name)
     if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
         return EstimatedController(name=name, controller=CONTROLLERS[base])
-    if name.lower().endswith(".toml"):
-        rule = "must not be a scenario file: scenarios are given first"
-        raise InvalidValueError("controller", rule, name)
     if name not in CONTROLLERS:
-        if rule := rule_for_file(name):
-            raise InvalidValueError("a controller of your own", rule, name)
-        module, _, attribute = name.removesuffix(".py").rpartition(".")
-        if module and attribute.isidentifier():
-            rule = f"must be given as module:attribute (did you mean {module}:{attribute}?)"
-            raise InvalidValueError("a controller of your own", rule, name)
         others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
         raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
     return CONTROLLERS[name]

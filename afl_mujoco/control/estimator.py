@@ -10,10 +10,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller, Estimator
-from afl_mujoco.control.own import PythonController
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
-from afl_mujoco.values import require_type
 
 Floats = NDArray[np.float64]
 
@@ -345,17 +342,6 @@ class EstimatedController(Controller):
     settings: EstimatorSettings = field(default_factory=EstimatorSettings)
     estimates: ClassVar[bool] = True
     not_compiled: ClassVar[str] = 'uses the estimator; only mode "sampled" supports it'
-
-    def __post_init__(self) -> None:
-        require_type("controller name", self.name, str)
-        require_type("settings", self.settings, EstimatorSettings)
-        thing = f"controller inside {self.name!r}"
-        kinds = type(self.controller).__mro__
-        if Controller not in kinds or EstimatedController in kinds or PythonController in kinds:
-            raise InvalidValueError(thing, "must be a compiled controller", repr(self.controller))
-        if self.controller.belief is not None:
-            rule = "must not assume constant parameters"
-            raise InvalidValueError(thing, rule, self.controller.name)
 
     def estimator_for(self, start: CartPoleParameters) -> Estimator:
         """Return controller and settings as compiled loops take them."""

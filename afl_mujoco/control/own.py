@@ -304,11 +304,12 @@ class PythonController(Controller):
             raise ControllerError(f"controller {self.name!r}", rule) from error
         k = len(self.plant.inputs)
         try:
-            return _as_float(value) if k == 1 else _as_floats(value, k)
+            found = _as_floats(value, k)
         except Exception:  # of any library
             words = "one number" if k == 1 else f"{k} numbers ({', '.join(self.plant.inputs)})"
             rule = f"must return {words} at t = {time:g} s"
             raise ControllerError(f"controller {self.name!r}", rule, _seen(value)) from None
+        return float(found[0]) if k == 1 else found
 
     @property
     def _known_as(self) -> str:
@@ -344,28 +345,16 @@ _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloatin
 """Types that are not taken as a number, though some convert to one."""
 
 
-def _as_float(value: Any) -> float:
-    """Return a number, or the one element of an array or a tensor of any library, or raise."""
+def _as_floats(value: Any, count: int) -> Floats:
+    """Return numbers from a number, a sequence, an array or a tensor of any library, or raise."""
     if callable(detach := getattr(value, "detach", None)):
         value = detach()  # a tensor that is part of a graph of gradients
     try:
         array = np.asarray(value)
     except Exception:  # as of a type that NumPy lacks, bfloat16
-        array = np.asarray(None)
-    if array.size != 1:
-        raise ValueError
-    if array.dtype.kind in "fiu":
-        return float(array.reshape(-1)[0])
-    element = value if array.dtype.kind == "O" and array.ndim == 0 else array.reshape(-1)[0]
-    if array.dtype.kind not in "OV" or isinstance(element, _NO_NUMBERS):
-        raise TypeError
-    return float(element)
-
-
-def _as_floats(value: Any, count: int) -> Floats:
-    """Return numbers from a sequence, an array or a tensor of any library, or raise."""
-    detach = getattr(value, "detach", None)
-    array = np.asarray(detach() if callable(detach) else value)
+        array = np.array([float(value)])
+    if array.dtype.kind in "OV" and not any(isinstance(x, _NO_NUMBERS) for x in array.flat):
+        array = np.array([float(x) for x in array.flat])
     if array.size != count or array.dtype.kind not in "fiu":
         raise ValueError
     return array.astype(np.float64).reshape(count)
@@ -443,14 +432,6 @@ def load_attribute(spec: str) -> Any:
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
-
-
-def rule_for_file(name: str) -> str:
-    """Say how to name a controller of a file in the working directory, if the file is there."""
-    module = _module_of(name)
-    if not module or not os.path.isfile(file := f"{module.replace('.', os.sep)}.py"):
-        return ""
-    return f"must be given as {module}:NAME, where NAME is a function or a class of {file}"
 
 
 def _module_of(path: str) -> str:

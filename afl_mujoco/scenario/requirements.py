@@ -178,13 +178,7 @@ class Requirements(Checked):
     def require_decidable(
         self, duration: float, disturbances: Sequence[ForcePulse | Impulse]
     ) -> None:
-        """Raise if a run of this length could not show whether a requirement is met.
-
-        Parameters
-        ----------
-        duration
-            Horizon [s].
-        """
+        """Raise if a run of this length [s] could not show whether a requirement is met."""
         until = calm(duration, disturbances)
         if self.settling_time is not None and not self.settling_time < until:
             what = "the duration" if until == duration else "the start of the first disturbance"

@@ -23,7 +23,7 @@ import afl_mujoco as afl
 from afl_mujoco.cli.main import main
 from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
@@ -408,20 +408,6 @@ def test_a_file_names_the_module_that_it_is(spec, module, tmp_path):
     assert found.name == ("sub.m_file.f" if "sub" in spec else "m_file.f")
     assert found.command(0.0, STATE, ASSUMED) == 3.0
     assert pickle.loads(pickle.dumps(found)).name == found.name
-
-
-def test_a_file_is_told_how_to_name_its_controller(module, tmp_path):
-    (tmp_path / "lqi.py").touch()
-    (tmp_path / "below").mkdir()
-    (tmp_path / "below" / "lqi.py").touch()
-    for given in ("lqi", "lqi.py", "./lqi.py", "below/lqi.py", "below.lqi"):
-        name, file = ("below.lqi", "below/lqi.py") if "below" in given else ("lqi", "lqi.py")
-        said = f"must be given as {name}:NAME, where NAME is a function or a class of {file}"
-        expected = line(f"a controller of your own {said}, got {given}")
-        with pytest.raises(InvalidValueError, match=expected):
-            afl.find_controller(given)
-    with pytest.raises(UnknownNameError, match="did you mean lqr"):
-        afl.find_controller("lqx")
 
 
 def pd(state):

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco import CONTROLLERS, CartPoleModel, simulate_mujoco, simulate_ode
+from afl_mujoco import CartPoleModel, simulate_mujoco, simulate_ode
 from afl_mujoco.control import estimator
 from afl_mujoco.control.controller import compiled_force
 from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
-from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.sampled import loop
@@ -92,15 +91,6 @@ def test_rollouts_estimate_the_same_and_estimates_along_a_run_can_be_kept(odd_sc
     _, _, last = by_hand(scenario, estimating)
     assert (kept.cart_mass[0], kept.half_length[0]) == pytest.approx((0.9, 0.45))
     assert (kept.cart_mass[-1], kept.half_length[-1]) == last
-
-
-def test_only_a_compiled_controller_without_constant_parameters_can_use_it(estimating):
-    stubborn = PythonController(name="mine", function=lambda time, state, belief: 0.0)
-    for controller in (stubborn, estimating, "no controller"):
-        with pytest.raises(InvalidValueError, match=r"^controller inside 'x' must be .*compiled"):
-            EstimatedController(name="x", controller=controller)
-    with pytest.raises(InvalidValueError, match=r"'x' must not assume .*got adaptive-n"):
-        EstimatedController(name="x", controller=CONTROLLERS["adaptive-nominal"])
 
 
 def test_assumed_parameters_do_not_reach_it_and_it_runs_nowhere_else(odd_scenario, estimating):
