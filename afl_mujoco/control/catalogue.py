@@ -89,12 +89,12 @@ class AFLController(Controller):
         """Return the controller as compiled loops take it: (G1) has a gain for every plant."""
         return _compiled(self.gain_function)
 
-    def remarks(self, plants: PlantRange) -> list[str]:
+    def remarks(self, scenario: Scenario) -> list[str]:
         """Return where scheduled gains are used beyond the plants for which they were found."""
         if self.gain_function.is_constant:
             return []
-        belief = self.belief
-        assumed = plants if belief is None else PlantRange.of(belief)
+        own = self.belief
+        assumed = scenario.assumed_plants if own is None else PlantRange.of(own)
         return [
             f"Its gains are extrapolated: they were found for {covered}, and {reached} here."
             for covered, reached in beyond_table(assumed)

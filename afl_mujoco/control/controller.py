@@ -224,12 +224,8 @@ class Controller(Protocol):
         """Return the controller that sees the true M and l where this one estimates them."""
         return self
 
-    def remarks(self, plants: PlantRange) -> list[str]:
-        """Return remarks for readers of its runs on these plants, one sentence each."""
-        return []
-
-    def estimator_remarks(self, start: CartPoleParameters, plants: PlantRange) -> list[str]:
-        """Return remarks on an estimator that cannot follow a run, one sentence each."""
+    def remarks(self, scenario: Scenario) -> list[str]:
+        """Return remarks for readers of its runs on a cart-pole, one sentence each."""
         return []
 
     def rows_along(self, segment: Segment) -> tuple[Floats, Floats]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller, Estimator
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
+from afl_mujoco.scenario.scenario import Scenario
 
 Floats = NDArray[np.float64]
 
@@ -349,14 +350,11 @@ class EstimatedController(Controller):
         self.controller.inputs_for(assumed.grid(GRID))  # raises if a gain is not positive
         return Estimator(self.controller.compiled_for(assumed), settings)
 
-    def remarks(self, plants: PlantRange) -> list[str]:
-        """Return the remarks of the controller inside."""
-        return self.controller.remarks(plants)
-
-    def estimator_remarks(self, start: CartPoleParameters, plants: PlantRange) -> list[str]:
-        """Return where the plant leaves the range of the estimates."""
-        _, assumed = self.settings.on(start)
-        return [
+    def remarks(self, scenario: Scenario) -> list[str]:
+        """Return those of the controller inside, and where the plant leaves what is estimated."""
+        _, assumed = self.settings.on(scenario.parameters_at(0.0))
+        plants = scenario.plants
+        return self.controller.remarks(scenario) + [
             f"{symbol} goes to {value:g} {unit}, beyond the {least:g} to {largest:g} {unit} that "
             "the estimator may assume"
             for symbol, unit, (least, largest), ends in (

@@ -22,8 +22,6 @@ from afl_mujoco.values import (
     require_distinct,
     require_finite,
     require_plausible,
-    require_positive,
-    table_of,
     within,
 )
 
@@ -154,9 +152,6 @@ class Description:
     phi: AngleColumn = field(default_factory=AngleColumn)
     z: PositionColumn = field(default_factory=PositionColumn)
     command: CommandColumn = field(default_factory=CommandColumn)
-    # limits of statements that `afl-mujoco hardware` judges, by their id, where they are to be
-    # others than those of the recordings that come with the package
-    limits: Annotated[dict[str, float], table_of(require_positive)] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check every field by its type, and that no column is used for two signals."""
@@ -187,10 +182,10 @@ def load_description(path: str | Path) -> Description:
 
 
 def to_table(one: Any) -> dict[str, object]:
-    """Return a description as the table of a TOML file, without values that are None or empty."""
+    """Return a description as the table of a TOML file, without values that are None."""
     values = {f.name: getattr(one, f.name) for f in fields(one)}
     return {
         name: to_table(value) if is_dataclass(value) else value
         for name, value in values.items()
-        if value is not None and value != {}
+        if value is not None
     }

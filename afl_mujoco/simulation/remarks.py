@@ -20,14 +20,7 @@ LONG_WAIT, LONG = 0.05, 0.1
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
-    if scenario.is_cart_pole:
-        told, at_start = scenario.assumed_plants, scenario.parameters_at(0.0)
-        of_plants = (
-            *controller.remarks(told),
-            *controller.estimator_remarks(at_start, scenario.plants),
-        )
-    else:
-        of_plants = (*_beyond(scenario),)
+    of_plants = controller.remarks(scenario) if scenario.is_cart_pole else _beyond(scenario)
     own = scenario.imperfections
     return [
         *of_plants,

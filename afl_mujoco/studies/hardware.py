@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.identification.export import TILT, certain
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import Log
@@ -83,10 +83,6 @@ def prepare(options: Options) -> Request:
     if o.estimates is not None and o.logs is None:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
     identified.scatter()  # raises without a drive
-    known = [one["id"] for one in protocol()["statements"]]
-    for name in identified.description.limits:
-        if name not in known:
-            raise UnknownNameError.among("limits", name, known)
     logs = read_logs([CHOOSE if o.logs is None else o.logs], identified.description)
     return Request(logs, identified, o.draws, o.seed)
 
@@ -270,11 +266,8 @@ def _judge(
         "rig-0.5-phi": (whole.explained_phi, 0.0, True, late),
         "rig-0.5-z": (whole.explained_z, 0.0, True, late),
     }
-    own, judged = identified.description.limits, []
+    judged = []
     for one in protocol()["statements"]:
-        if one["id"] in own:
-            said = "as the description of the cart-pole says"
-            one = {**one, "limit": own[one["id"]], "reason": said}
         value, width, at_least, suspected = measured[one["id"]]
         if value is None:
             suspected = "not decided: these recordings never get there, or have no known resolution"
