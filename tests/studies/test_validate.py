@@ -193,7 +193,7 @@ BROKEN = (
     (("checks", 0, "value"), GONE, "checks[0].value is missing"),
     (("checks", 0, "value"), 5.0, "passed must follow from value and limit"),
     (("checks", 0, "id"), "Z9", "check must be one of A1, "),
-    (("error_budgets", 0, "total"), "much", "error_budgets[0].total must be a number"),
+    (("error_budgets", 0, "total"), "much", "error_budgets[0].total must be a valid number"),
     (("runs",), [], "scenarios must be those of the runs"),
     (("colour",), "red", "colour is not a known key"), (("schema",), 7, "schema 1"),
 )  # fmt: skip
