@@ -392,6 +392,10 @@ def scipy_solver(
             right_hand_side, span, state, t_eval=times, events=margin, **settings
         )
         samples = np.reshape(found.y, (len(state), -1)).T
+        if (broken := ~np.isfinite(samples).all(axis=1)).any():  # LSODA goes on with NaN
+            kept = int(broken.argmax())
+            last, when = (samples[kept - 1], times[kept - 1]) if kept else (state, segment.start)
+            return samples[:kept], _stuck(criterion, last, when)
         if found.status == 0:
             return samples, None
         if len(found.t_events[0]):

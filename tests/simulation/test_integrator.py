@@ -108,6 +108,16 @@ def test_the_reference_is_scipys_to_its_tolerance(name):
     assert np.abs(run.state - states).max() < 1e-11
 
 
+@pytest.mark.parametrize("method", ["LSODA", "DOP853"])
+@pytest.mark.filterwarnings("ignore:lsoda")
+def test_a_loop_that_ends_in_no_number_has_diverged_before(method):
+    asked = afl.Requirements(ends_at={})
+    down = afl.Scenario(name="down", initial_state={"phi": 3.1}, duration=0.5, requirements=asked)
+    run = afl.simulate_ode(down, lambda t, x, b: 5e6 if t > 0.1 else 0.0, method=method)
+    assert run.outcome.kind == "diverged" and 0.09 < run.outcome.time <= 0.11
+    assert np.isfinite(run.state).all()
+
+
 def test_steps_are_scipys_at_a_loose_tolerance_and_on_mujocos_dynamics():
     # where the error control decides: another step size would be seen
     controller, tolerances = afl.CONTROLLERS["adaptive"], {"rtol": 1e-5, "atol": 1e-7}
