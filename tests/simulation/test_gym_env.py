@@ -311,17 +311,40 @@ def share_of(seen):
     return np.array([np.tanh(-SLOPES[: len(seen)] @ np.asarray(seen, dtype=float))])
 
 
-@pytest.mark.parametrize("wrap", [False, True])
-def test_a_policy_is_a_controller_and_repeats_its_episode(wrap: bool) -> None:
-    environment = CartPoleEnv("trapezoid-step")
-    if wrap:
-        outer = gymnasium.wrappers.RecordEpisodeStatistics(environment)
-        environment = gymnasium.wrappers.TimeLimit(outer, 1000)
+def normalised(environment):
+    found = gymnasium.wrappers.NormalizeObservation(environment)
+    for seed in range(2):
+        found.reset(seed=seed)
+        found.step(np.zeros(1))
+    found.update_running_mean = False
+    return found
 
-    def predict(seen, deterministic=False):  # as of Stable-Baselines3
-        return (share_of(seen) if deterministic else None), None
 
-    assert acts_alike(policy_controller(predict, environment), environment, share_of) > 20
+def wrapped(name):
+    w, env = gymnasium.wrappers, CartPoleEnv("trapezoid-step")
+    scaled = gymnasium.spaces.Box(-np.inf, np.inf, (6,))
+    if name == "action":
+        return w.RescaleAction(env, np.array([-64.0]), np.array([64.0])), lambda o: 64 * share_of(o)
+    if name == "statistics":
+        env = normalised(env)
+        return env, lambda o: share_of(o * np.sqrt(env.obs_rms.var) + env.obs_rms.mean)
+    if name == "order":  # of observations from the inside out, of actions from the outside in
+        env = w.TransformObservation(env, lambda o: o + 0.01, scaled)
+        env = w.TransformObservation(env, lambda o: 2 * o, scaled)
+        env = w.TransformAction(env, lambda a: a**3, env.action_space)
+        env = w.TransformAction(env, lambda a: a + 0.01, env.action_space)
+        return w.RecordEpisodeStatistics(w.TimeLimit(w.ClipAction(env), 1000)), share_of
+    return env, lambda o, deterministic=False: (share_of(o) if deterministic else None, None)
+
+
+@pytest.mark.parametrize("name", ["action", "statistics", "order", "predict"])
+def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_with(name) -> None:
+    environment, predict = wrapped(name)
+    policy = policy_controller(predict, environment)
+    answer = predict
+    if name == "predict":
+        answer = lambda seen: predict(seen, deterministic=True)[0]  # noqa: E731
+    assert acts_alike(policy, environment, answer) > 20
 
 
 def acts_alike(policy, environment, predict) -> int:
@@ -339,12 +362,16 @@ def acts_alike(policy, environment, predict) -> int:
 
 
 @pytest.mark.parametrize(("wrap", "message"), [
-    (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment must "
-     "change neither observations nor actions"),
-    (lambda w, e: w.TimeLimit(w.ClipAction(e), 10), "wrapper ClipAction of the environment must"),
+    (lambda w, e: w.FrameStackObservation(e, 2), "wrapper FrameStackObservation of the "
+     "environment must change observations or actions one by one"),
+    (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
+     "the environment must depend on the present observation or action alone"),
+    (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
+    (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
+     "must be frozen: set update_running_mean = False"),
     (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
-], ids=["observation", "action", "vector"])  # fmt: skip
-def test_what_a_policy_would_not_see_or_do_as_in_its_episode_is_refused(wrap, message: str) -> None:
+], ids=["frames", "time", "sticky", "learning", "vector"])  # fmt: skip
+def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match=message):
         policy_controller(share_of, environment)

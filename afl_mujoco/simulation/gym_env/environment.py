@@ -27,6 +27,8 @@ require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
 from gymnasium import wrappers  # noqa: E402
 
+Change = Callable[[Any], Any]
+
 _OUTSIDE = (
     *(gymnasium.RewardWrapper, wrappers.NormalizeReward, wrappers.RecordEpisodeStatistics),
     *(wrappers.OrderEnforcing, wrappers.PassiveEnvChecker, wrappers.TimeLimit),
@@ -37,6 +39,54 @@ _OUTSIDE = (
 
 _OUTSIDE_NAMES = frozenset({"Monitor"})
 """The same, of Stable-Baselines3, which need not be installed."""
+
+
+def changes_of(environment: gymnasium.Env) -> tuple[Change, Change]:
+    """Return what wrappers make of the innermost environment's observation, and of an action."""
+    seen: list[Change] = []
+    done: list[Change] = []
+    layer = environment
+    while isinstance(layer, gymnasium.Wrapper):
+        if isinstance(layer, gymnasium.ObservationWrapper):
+            seen.insert(0, _observation(layer))
+        elif isinstance(layer, gymnasium.ActionWrapper):
+            _require_its_own(layer, gymnasium.ActionWrapper)
+            done.append(layer.action)
+        elif not (isinstance(layer, _OUTSIDE) or type(layer).__name__ in _OUTSIDE_NAMES):
+            rule = "must change observations or actions one by one (ObservationWrapper, "
+            raise InvalidValueError(_named(layer), f"{rule}ActionWrapper), or rewards alone")
+        layer = layer.env
+    return _in_turn(seen), _in_turn(done)
+
+
+def _observation(layer: gymnasium.ObservationWrapper) -> Change:
+    """Return what a wrapper makes of an observation; statistics as they are now."""
+    if isinstance(layer, wrappers.AddRenderObservation):
+        raise InvalidValueError(_named(layer), "must not need a picture of the environment")
+    _require_its_own(layer, gymnasium.ObservationWrapper)
+    if not isinstance(layer, wrappers.NormalizeObservation):
+        return layer.observation  # type: ignore[no-any-return]
+    if layer.update_running_mean:
+        rule = "must be frozen: set update_running_mean = False"
+        raise InvalidValueError(_named(layer), rule)
+    mean, spread = layer.obs_rms.mean.copy(), np.sqrt(layer.obs_rms.var + layer.epsilon)
+    return lambda seen: np.float32((seen - mean) / spread)
+
+
+def _require_its_own(layer: gymnasium.Wrapper, base: type) -> None:
+    """Raise if a wrapper does more at a step or a reset than its kind: it has memory."""
+    if type(layer).step is not base.step or type(layer).reset is not base.reset:  # type: ignore[attr-defined]
+        rule = "must depend on the present observation or action alone"
+        raise InvalidValueError(_named(layer), rule, "a step or reset of its own")
+
+
+def _named(layer: gymnasium.Wrapper) -> str:
+    return f"wrapper {type(layer).__name__} of the environment"
+
+
+def _in_turn(changes: list[Change]) -> Change:
+    return lambda value: functools.reduce(lambda x, change: change(x), changes, value)
+
 
 FORCE_LIMIT = 128.0
 """Force [N] of an action of 1: above the 98 N that the paper's controller needs, and a power of
@@ -233,33 +283,28 @@ def policy_controller(
 ) -> Callable[[float, Floats, Any], Any]:
     """Return a policy as a controller ``(time, state, belief) -> force``, for any command.
 
-    Held for the environment's control period, it repeats the episode. It has no memory: the policy
-    is read and not copied.
+    Held for the environment's control period, it repeats the episode, through its wrappers. It has
+    no memory: the policy is read and not copied.
     """
     env = getattr(environment, "unwrapped", environment)
     if not isinstance(env, ScenarioEnv):
         rule = "must be a ScenarioEnv or wrappers of one, not a vector of them"
         raise InvalidValueError("environment of a policy", rule, type(env).__name__)
-    while isinstance(environment, gymnasium.Wrapper):
-        name = type(environment).__name__
-        if not (isinstance(environment, _OUTSIDE) or name in _OUTSIDE_NAMES):
-            rule = "must change neither observations nor actions: do that in predict"
-            raise InvalidValueError(f"wrapper {name} of the environment", rule)
-        environment = environment.env
     scale, count, names = env.scale.copy(), len(env.low), scheduled(env.scenario.plant)
     inputs = env.inputs
+    see, act = changes_of(environment)
     if _asks_whether_deterministic(predict):
         predict = functools.partial(predict, deterministic=True)
 
     def policy(time: float, state: Floats, belief: Any) -> Any:
         values = np.array([*state, *(getattr(belief, name) for name in names)])
-        action = predict(observed(values, scale))
+        action = predict(see(observed(values, scale)))
         if isinstance(action, tuple):
             action, memory = action
             if memory is not None:
                 rule = "must not return a state: a recurrent policy has memory"
                 raise InvalidValueError("predict of a policy", rule)
-        shares = np.asarray(action, dtype=np.float64).ravel()
+        shares = np.asarray(act(action), dtype=np.float64).ravel()
         if shares.shape != (count,):
             what = (
                 "one number, the share of the largest force" if count == 1 else f"{count} numbers"
