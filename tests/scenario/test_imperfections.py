@@ -60,7 +60,7 @@ SIMULATORS = {
 
 
 IGNORED = """scenario 'mine' has imperfections, which only mode "sampled" simulates: use \
-that (the commands simulate, without --compare, and compare do), or remove [imperfections] and \
+that (the commands simulate and compare do), or remove [imperfections] and \
 [belief]"""
 
 

@@ -93,7 +93,7 @@ def test_a_place_for_results_or_films_that_cannot_be_used(toy, refuses, tmp_path
         (("--out", "held"), f"held/{STEMS[name]}.json must be a file, but is a folder"),
         (
             ("--films", ".", "--out", "out"),
-            "films.json does not list films: films is missing: run afl-mujoco render",
+            "films.json does not list films: films is missing: remove it, and run",
         ),
     ):
         assert message in refuses(name, *arguments)
@@ -145,7 +145,7 @@ CASES = {
         (["absent.py:plant"], "absent.py cannot be read: no such file"),
         (["json:dumps"], "plant 'json:dumps' must be an afl.Plant"),
         (["cart-pole", "--box", "fi", "-1", "1"], "box must be one of z, phi, "),
-        (["cart-pole", "--box", "phi", "1"], "--box must be NAME LOW HIGH, got phi 1"),
+        (["cart-pole", "--box", "phi", "1"], "HIGH, again for each name, got phi 1"),
         (["cart-pole", "--box"], "--box must have a value, got none"),
         (["cart-pole", "--box", "phi", "1", "0"], "box phi must be two finite numbers, the lower"),
     ],

@@ -74,7 +74,7 @@ def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> 
     model = MODEL.replace('name="wheel" pos', 'name="wheel" gravcomp="1" pos')
     assert afl.check(PLANT, 20).headline.endswith(("e-16", "e-15"))
     assert "left out: gravity compensation" in afl.check(replace(PLANT, model=model), 20).headline
-    assert attraction._reach("wheel", WHEEL) == pytest.approx(np.pi)
+    assert attraction._reach("wheel", None, WHEEL) == pytest.approx(np.pi)
 
 
 @pytest.mark.slow
