@@ -96,6 +96,7 @@ def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, e
     if older:
         save_record(study_results.record("margins"), tmp_path)
         (tmp_path / "report.html").write_text("the page of the older one")
+        (tmp_path / "margins-partial.json").write_text("what was done when it was interrupted")
     broken_off(tmp_path, monkeypatch, "figures", error)
     assert names(tmp_path) == {"margins.json", "margins.md"}
     assert load_record(find_study("margins"), tmp_path).command == "the new one"

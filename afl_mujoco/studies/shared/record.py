@@ -221,7 +221,8 @@ def remove_record(study: Study, folder: Path) -> None:
         wrote, drawn = {}, set()
     own = drawn | {f"{study.stem}.md", f"{study.stem}.npz"}
     ours = [name for name in wrote if _is_of(study, name) and name in own]
-    for old in (path, folder / PAGE, *(folder / name for name in ours)):  # the list first
+    early = f"{study.stem}-partial.json"
+    for old in (path, *(folder / name for name in (PAGE, early, *ours))):  # the list first
         remove_file(old)
 
 
