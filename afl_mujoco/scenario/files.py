@@ -239,6 +239,8 @@ def _plant(given: Any, folder: Path | None) -> Plant:
         return CART_POLE
     if isinstance(given, str):
         return load_plant(given, folder)
+    if folder is not None:
+        raise InvalidValueError("plant", 'must be "FILE.py:NAME"', shortened(given))
     table = dict(require_table("plant", given))
     units, origin = dict(table.pop("units", {})), str(table.pop("origin", ""))
     values = {
