@@ -247,7 +247,8 @@ def _plant(given: Any, folder: Path | None) -> Plant:
         name: Parameter(x, units.get(name, "")) for name, x in given.get("parameters", {}).items()
     }
     names = dict.fromkeys(table.get("signals", ()), float)
-    known = Plant(**{**table, "parameters": values, "signals": names}, model="<mujoco/>")
+    with within("plant: "):
+        known = Plant(**{**table, "parameters": values, "signals": names}, model="<mujoco/>")
     object.__setattr__(known, "units", units)
     return known_as(known, origin)
 
@@ -316,8 +317,7 @@ def _scenario(table: Mapping[str, Any], default_name: str, folder: Path | None =
     """Build the scenario that a file describes; its plant may be relative to a folder."""
     require_known(table, _KEYS)
     called_with(Replay, "replay", table.get("replay", {}))  # raises if it is none
-    with within("plant: " if isinstance(table.get("plant"), Mapping) else ""):
-        plant = _plant(table.get("plant"), folder)
+    plant = _plant(table.get("plant"), folder)
     schedule = require_table("schedule", table.get("schedule", {}))
     disturbances = table.get("disturbances", [])
     if not isinstance(disturbances, list):

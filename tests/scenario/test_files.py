@@ -130,7 +130,7 @@ HIT = "[[disturbances]]\nshape = "
         ("initial_state = 3", "initial_state must be a table by name or a list, got 3"),
         ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
         ("schedule = 3", "schedule must be a table, got 3"),
-        ("plant = { name = 'x' }", 'plant must be "FILE.py:NAME", got {'),
+        ("plant = { name = 'x' }", 'plant must be "FILE.py:NAME", got '),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
         (TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
          "schedule.cart_mass.times must increase, got 3.0 after 5.0"),
