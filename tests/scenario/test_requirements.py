@@ -4,6 +4,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.requirements import Requirements, recoveries
+from afl_mujoco.simulation.judgement import judge
 from tests.messages import line
 
 FALLEN = "must be at most 1.57 rad, where a run ends"
@@ -50,7 +51,7 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path) -> None:
     ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
     ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
     ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
-    ("settling_time = 20", "requirements.settling_time must be less than 20 s, the duration, got"),
+    ("settling_time = 21", "requirements.settling_time must be at most 20 s, the duration, got 21"),
     ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
 ])  # fmt: skip
 def test_a_requirement_that_breaks_its_rule_is_named(tmp_path, text, message) -> None:
@@ -60,13 +61,28 @@ def test_a_requirement_that_breaks_its_rule_is_named(tmp_path, text, message) ->
 
 
 @pytest.mark.parametrize(("asked", "message"), [
-    ({"settling_time": 2.0}, "must be less than 2 s, the start of the first disturbance"),
-    ({"recover_within": 3.4}, "must be less than 3.4 s, the time left after the disturbance"),
+    ({"settling_time": 2.1}, "must be at most 2 s, the start of the first disturbance"),
+    ({"recover_within": 3.5}, "must be at most 3.4 s, the time left after the disturbance"),
 ])  # fmt: skip
 def test_what_a_run_could_not_show_is_refused(asked: dict[str, float], message: str) -> None:
     given = {"requirements": Requirements(**asked), "duration": 10.0}
     with pytest.raises(afl.AflMujocoError, match=message):
         afl.Scenario(name="pushed", disturbances=PUSHES, **given)
+
+
+def test_rest_may_be_asked_for_until_the_first_disturbance_itself() -> None:
+    """As in the example of the public face: settled by 6 s, and pushed at 6 s."""
+    push, asked = afl.ForcePulse(force=1.0, start=1.0, duration=0.2), Requirements(settling_time=1)
+    for angle, met in ((0.01, True), (1.0, False)):
+        scenario = afl.Scenario(
+            name="own", duration=2.0, initial_state={"phi": angle}, disturbances=(push,),
+            requirements=asked,
+        )  # fmt: skip
+        (found,) = [
+            one for one in judge(scenario, afl.simulate_mujoco(scenario, "lqr"))
+            if one.requirement == "settling_time"
+        ]  # fmt: skip
+        assert found.met == met
 
 
 def test_disturbances_that_overlap_are_recovered_from_together() -> None:
@@ -85,7 +101,7 @@ def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
     for inner in (short, afl.Impulse(momentum=1.0, time=2.9)):
         disturbances = (long, inner)[::order]
         assert recoveries(10.0, disturbances) == [(3.0, 10.0)]
-        message = r"must be less than 7 s, the time left after the disturbance that ends at 3 s"
+        message = r"must be at most 7 s, the time left after the disturbance that ends at 3 s"
         asked = {"requirements": Requirements(recover_within=7.5), "duration": 10.0}
         with pytest.raises(afl.AflMujocoError, match=message):
             afl.Scenario(name="nested", disturbances=disturbances, **asked)
