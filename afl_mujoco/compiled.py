@@ -338,13 +338,6 @@ def _store(typingctx: Any, address: Any, value: Any) -> Any:
     return types.void(types.int64, types.float64), generate
 
 
-def _pointer(typingctx: Any, address: Any) -> Any:
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.inttoptr(arguments[0], ir.IntType(8).as_pointer())
-
-    return types.voidptr(types.int64), generate
-
-
 def _call(typingctx: Any, address: Any, time: Any, x: Any, u: Any, p: Any, out: Any) -> Any:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place, now, *arrays = arguments
@@ -366,4 +359,3 @@ call: Any = intrinsic(_call)
 contiguous."""
 
 store: Any = intrinsic(_store)  # compiled code only: ``store(address, value)`` writes a double
-pointer: Any = intrinsic(_pointer)  # compiled code only: what numba's `carray` takes

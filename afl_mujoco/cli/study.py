@@ -42,7 +42,7 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
-    for place in (films, folder):
+    for place in dict.fromkeys((films, folder)):
         load_listing(place)
     load_records(folder, leave_out=leave_out)
 
