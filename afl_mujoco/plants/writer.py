@@ -83,6 +83,8 @@ class PlantModel:
         self._require_names()
         values = self._first(self._written(plant.nominal))
         self.targets, self.last = [*values], np.array([*values.values()])
+        if not np.array_equal(self.rows(plant.nominal)[0], self.last):
+            raise InvalidValueError("write", "must return the same for the same p, but does not")
         inertial = {("body", "mass"), ("body", "ipos"), ("body", "inertia")}
         masses = any((x.kind, x.field) in inertial or x.kind == "geom" for x in self.targets)
         require_compiler(spec, masses=masses)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.integrate import DOP853, solve_ivp
 
 from afl_mujoco.compiled import jitable
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError, UnknownNameError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.simulation.trajectory import (
@@ -388,9 +388,15 @@ def scipy_solver(
         span = (segment.start, segment.end)
         if not np.isfinite(right_hand_side(segment.start, state)).all():
             return np.atleast_2d(state), _stuck(criterion, state, segment.start)
-        found: Any = solve_ivp(
-            right_hand_side, span, state, t_eval=times, events=margin, **settings
-        )
+        try:
+            found: Any = solve_ivp(
+                right_hand_side, span, state, t_eval=times, events=margin, **settings
+            )
+        except AflMujocoError:
+            raise
+        except ValueError:  # an implicit method cannot go on with NaN
+            rule = "must be DOP853, RK45 or LSODA where the rates diverge or have no number"
+            raise InvalidValueError("method", rule, method) from None
         samples = np.reshape(found.y, (len(state), -1)).T
         if (broken := ~np.isfinite(samples).all(axis=1)).any():  # LSODA goes on with NaN
             kept = int(broken.argmax())
@@ -398,11 +404,9 @@ def scipy_solver(
             return samples[:kept], _stuck(criterion, last, when)
         if found.status == 0:
             return samples, None
-        if len(found.t_events[0]):
-            return samples, _stuck(criterion, found.y_events[0][0], found.t_events[0][0])
-        if not len(found.t):
-            return samples, _stuck(criterion, state, segment.start)
-        return samples, _stuck(criterion, samples[-1], found.t[-1])
+        ends = [(samples[-1:], found.t[-1:]), (found.y_events[0], found.t_events[0])]
+        known = [(state, segment.start), *(pair for one in ends for pair in zip(*one, strict=True))]
+        return samples, _stuck(criterion, *known[-1])
 
     return solve
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import with_ranges
@@ -123,7 +123,8 @@ class Balance(control.Task):  # type: ignore[misc]
         if self._limit >= STATE_LIMIT:
             raise InvalidValueError("force_limit", f"must be below {STATE_LIMIT:g} N", self._limit)
         if not isinstance(random, np.random.RandomState):
-            random = np.random.RandomState(random)
+            seed = None if random is None else require_count("random", random, 0, 2**32 - 1)
+            random = np.random.RandomState(seed)
         self.random: np.random.RandomState = random
         self.space = space
 
