@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
-from afl_mujoco.errors import UnknownNameError, require_count
+from afl_mujoco.errors import AflMujocoError, UnknownNameError, require_count
 from afl_mujoco.report.blocks import Block, Figure, Report, Section
 from afl_mujoco.report.markdown import plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
@@ -21,9 +22,10 @@ from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import in_order, metrics
 from afl_mujoco.simulation.remarks import remarks_on
-from afl_mujoco.simulation.trajectory import Layout
+from afl_mujoco.simulation.trajectory import Layout, Trajectory
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
@@ -33,6 +35,7 @@ from afl_mujoco.studies.shared.contract import (
     counted,
     silent,
 )  # fmt: skip
+from afl_mujoco.studies.shared.loop_margins import outruns_hold
 from afl_mujoco.studies.shared.robustness import require_runs
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_kept
 from afl_mujoco.studies.shared.tables import (
@@ -318,8 +321,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
                     for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
-            if said := tuple(remarks_on(first, scenario, controller)):
-                remarks[key] = said
+            said = (*remarks_on(first, scenario, controller), *_held(scenario, controller, first))
+            remarks |= {key: said} if said else {}
             curves[key] = Curves(
                 time=first.time, state=first.state, force=first.input, command=first.command,
                 signals=dict(first.signals),
@@ -329,6 +332,19 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         scenarios=tuple(scenarios), rows=tuple(rows), metrics=tuple(figures), remarks=remarks,
         curves=curves, **asdict(deployed),
     )  # fmt: skip
+
+
+def _held(scenario: Scenario, controller: Controller, run: Trajectory) -> Iterator[str]:
+    """Remark on an LQR, which is designed for continuous time, where the hardware is too slow."""
+    period = run.control_period
+    if controller.name != "lqr" or period is None:
+        return
+    with suppress(AflMujocoError):  # it is not at rest at its target
+        if outruns_hold(bound(controller, scenario), scenario, period):
+            yield (
+                f"its linear loop is unstable with inputs held for {1e3 * period:.3g} ms, and late "
+                "as here: it is designed for continuous time, by weights from the requirements"
+            )
 
 
 # --- what is shown ------------------------------------------------------------------------------

@@ -141,6 +141,14 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     return Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()))
 
 
+def outruns_hold(controller: Controller, scenario: Scenario, period: float) -> bool:
+    """Return whether a linear loop is unstable at its target once inputs are held and delayed."""
+    r = scenario.imperfections
+    linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
+    loop = linearize(controller, replace(scenario, imperfections=linear))
+    return _radius(loop, period, r) > 1.0 + NOTHING
+
+
 def target_of(scenario: Scenario) -> Array:
     """Return the state at rest at the target of a scenario."""
     return np.array([*scenario.target, *np.zeros(len(scenario.target))])
