@@ -51,10 +51,10 @@ dist: $(READY) ## build wheel and source distribution into dist/, check them, an
 	@scripts/build_and_try "$$(scripts/find_python $(PYTHON))"
 
 test: $(READY) ## run the tests except the slow ones, or exactly those of ARGS="tests/plants -k energy"
-	@$(BIN)/pytest -q -n logical --maxprocesses 4 $(or $(ARGS),-m "not slow")
+	@$(BIN)/pytest -q -n logical --maxprocesses 4 --dist worksteal $(or $(ARGS),-m "not slow")
 
 slow: $(READY) ## run the slow tests: whole commands, films, the page in a browser
-	@$(BIN)/pytest -q -n logical --maxprocesses 4 -m slow $(ARGS)
+	@$(BIN)/pytest -q -n logical --maxprocesses 4 --dist worksteal -m slow $(ARGS)
 
 baselines: $(READY) ## make the current state the baselines, and print what changed
 	@$(BIN)/afl-mujoco regression --update $(ARGS)

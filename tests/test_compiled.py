@@ -1,6 +1,5 @@
 """The cache of compiled code: stale exactly when a source that it depends on has changed."""
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -52,25 +51,6 @@ def test_an_edit_far_away_leaves_compiled_code_but_not_one_of_an_equation(tmp_pa
 
     untouched = stamp("no-such-file.py")
     assert stamp("cli/main.py") == untouched and stamp("control/law.py") != untouched
-
-
-def test_code_that_names_a_module_that_is_gone_is_compiled_anew(monkeypatch, tmp_path):
-    monkeypatch.setattr(compiled._Cache, "_impl_class", caching.CompileResultCacheImpl)
-    monkeypatch.setattr(compiled.caching.config, "CACHE_DIR", str(tmp_path))
-    load, gone = caching.IndexDataCacheFile._load_index, [True]
-
-    def load_index(self):
-        if gone and self._index_path.endswith(".nbi") and os.path.exists(self._index_path):
-            gone.clear()
-            raise ModuleNotFoundError("No module named 'afl_mujoco.gone'")
-        return load(self)
-
-    def double(x):
-        return 2.0 * x
-
-    assert compiled.kernel(double)(1.0) == 2.0  # writes the cache
-    monkeypatch.setattr(caching.IndexDataCacheFile, "_load_index", load_index)
-    assert compiled.kernel(double)(1.0) == 2.0 and not gone
 
 
 def test_where_no_cache_can_be_written_code_is_compiled_and_one_line_says_so(monkeypatch):

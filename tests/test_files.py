@@ -1,7 +1,6 @@
 """Files are whole or missing, and what cannot be read or written is one line."""
 
 import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -9,7 +8,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco import files
 from afl_mujoco.errors import FileError
-from tests.program import COMMAND
 
 
 def test_a_file_is_written_whole_or_not_at_all(tmp_path) -> None:
@@ -25,15 +23,6 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path) -> None:
     assert ([*path.parent.iterdir()], path.read_text()) == ([path], "whole")
     with pytest.raises(FileError, match="cannot be written"):
         files.write_text(tmp_path / "missing" / "file.txt", "")
-
-
-@pytest.mark.parametrize("use", [
-    files.output_folder, lambda path: files.write_text(path, ""), afl.load_scenario,
-    afl.find_scenario, lambda path: afl.save_scenario(afl.SCENARIOS["nominal"], path),
-])  # fmt: skip
-def test_a_path_with_a_nul_is_an_error_of_one_line(use, tmp_path: Path) -> None:
-    with pytest.raises(FileError, match=r"a\\x00b.toml must not contain a NUL character$"):
-        use(f"{tmp_path}/a\0b.toml")
 
 
 @pytest.fixture(params=["pipe", "device", "endless link"])
@@ -76,18 +65,3 @@ def test_a_scenario_with_a_mark_of_encoding_or_in_capitals_is_read(command_line,
 def test_a_scenario_in_another_encoding_is_refused(refuses, tmp_path, encoding) -> None:
     (tmp_path / "a.toml").write_text("duration = 0.2\n# Größe\n", encoding=encoding)
     assert "not UTF-8 text: save it as UTF-8" in refuses("simulate", "a.toml")
-
-
-@pytest.mark.slow
-def test_a_working_folder_that_is_gone_is_one_line(tmp_path: Path) -> None:
-    gone = tmp_path / "gone"
-    gone.mkdir()
-    script = 'rmdir ../gone && exec "$@"'
-    for arguments in (("simulate", "nominal"), ("simulate", "nominal", "--controller", "mine:f")):
-        done = subprocess.run(
-            ["sh", "-c", script, "sh", *COMMAND, *arguments], cwd=gone, capture_output=True,
-            text=True, timeout=120,
-        )  # fmt: skip
-        assert done.returncode == 2 and done.stderr.count("\n") == 1, done.stderr
-        assert "cannot be" in done.stderr and "no such file or directory" in done.stderr
-        gone.mkdir()

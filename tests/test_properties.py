@@ -20,7 +20,6 @@ from afl_mujoco.studies.verify.criteria import CRITERIA
 CART_MASS = st.floats(0.1, 2.0)
 HALF_LENGTH = st.floats(0.05, 1.0)
 POLE_MASS = st.floats(0.01, 0.5)
-WIDE = st.floats(1, 500)
 STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
 CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
 PLANTS = st.builds(
@@ -48,15 +47,6 @@ def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> No
         assert math.isfinite(force) and afl_force(-np.array(state), inputs) == -force
 
     holds()
-
-
-@settings(derandomize=True, max_examples=300, deadline=None)
-@given(state=STATES, plant=PLANTS, gains=st.builds(
-    afl.Gains, switching=WIDE, slope=st.floats(0.1, 5), boundary_layer=WIDE,
-))  # fmt: skip
-def test_the_readable_controller_is_odd_to_the_last_bit(state, plant, gains) -> None:
-    there = afl.control_force(state, plant, gains)
-    assert afl.control_force(np.negative(state), plant, gains) == -there
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -128,7 +118,7 @@ FINE = Settings(timestep=2.5e-4, control_period=2.5e-4)
 @pytest.mark.parametrize("controller", CONTROLLERS)
 def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> None:
     # shrinking a failure takes minutes: add Phase.shrink to get the smallest
-    @settings(derandomize=True, max_examples=15, deadline=None, phases=[Phase.generate])
+    @settings(derandomize=True, max_examples=8, deadline=None, phases=[Phase.generate])
     @given(scenario=scenarios())
     def holds(scenario: afl.Scenario) -> None:
         runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)

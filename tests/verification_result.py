@@ -50,14 +50,13 @@ _QUANTILES = {"5%": -66.5, "25%": -14.8, "median": 0.1, "75%": 7.1, "95%": None}
 
 
 def make_result(
-    scenarios: Sequence[afl.Scenario] = SCENARIOS,
     *,
     b3: float | None = 4.7e-10,
     full: bool = True,
     fell_at: int | None = None,
     outcome: str = "completed",
 ) -> Result:
-    places = [{"scenario": s.name, "controller": c} for s in scenarios for c in CONTROLLERS]
+    places = [{"scenario": s.name, "controller": c} for s in SCENARIOS for c in CONTROLLERS]
     checks, metrics = make_checks(places, b3), dict.fromkeys(metric_names()) | _METRICS
     ended = {"outcome": outcome, "metrics": metrics}
     more: dict[str, Any] = {}
@@ -70,14 +69,14 @@ def make_result(
             "omissions": tuple(Omission(**place, **omitted) for place in places),
         }  # fmt: skip
     runs = [Simulated(**place, simulator=name, **ended) for place in places for name in REPORTED]
-    pairs = {f"{s.name}/{c}": (s, c) for s in scenarios for c in CONTROLLERS}
+    pairs = {f"{s.name}/{c}": (s, c) for s in SCENARIOS for c in CONTROLLERS}
     return Result(
         verdict=verdict_of(checks),
         checks=checks,
         runs=tuple(runs),
         settings=Settings(full=full),
         error_budgets=tuple(make_budget(k + 1, **place) for k, place in enumerate(places)),
-        scenarios=tuple(scenarios),
+        scenarios=SCENARIOS,
         **more,
         curves={name: make_curves(*pair, fell_at=fell_at) for name, pair in pairs.items()},
     )

@@ -1,7 +1,6 @@
 """The rules of the house that no linter knows."""
 
 import ast
-import inspect
 import os
 import re
 import shutil
@@ -16,8 +15,6 @@ import mujoco
 import pytest
 from packaging.requirements import Requirement
 
-import afl_mujoco
-
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "afl_mujoco"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
@@ -25,14 +22,6 @@ SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
-
-
-@pytest.mark.parametrize("name", afl_mujoco.__all__)
-def test_a_public_name_exists_and_is_documented(name: str) -> None:
-    value = getattr(afl_mujoco, name)
-    if inspect.isclass(value) or callable(value):
-        generated = f"{name}("  # what a dataclass without a docstring gets
-        assert value.__doc__ and not value.__doc__.startswith(generated)
 
 
 @pytest.mark.parametrize(("asked", "heavy"), [
@@ -118,34 +107,14 @@ def test_what_is_installed_is_what_pyproject_allows() -> None:
             assert asked.specifier.contains(version(asked.name), prereleases=True), line
 
 
-def long_subjects(folder: Path) -> list[str]:
-    """The subjects beyond 72 characters of what HEAD has beside the main branch."""
-    git = ["git", "-C", str(folder)]
-    for main in ("origin/main", "main"):
-        run = subprocess.run(
-            [*git, "log", "--no-merges", "--format=%s", f"{main}..HEAD"],
-            capture_output=True,
-            text=True,
-        )
-        if run.returncode == 0:
-            return [subject for subject in run.stdout.splitlines() if len(subject) > 72]
-    return []
-
-
 def test_a_commit_has_a_subject_of_at_most_72_characters() -> None:
-    assert long_subjects(ROOT) == []
-
-
-def test_a_longer_subject_is_noticed(tmp_path: Path) -> None:
-    git = ["git", "-C", str(tmp_path), "-c", "user.name=a", "-c", "user.email=a@b"]
-    commit = [*git, "commit", "--quiet", "--allow-empty", "--message"]
-    subprocess.run([*git, "init", "--quiet", "--initial-branch=main"], check=True)
-    subprocess.run([*commit, "φ" * 73], check=True)
-    subprocess.run([*git, "switch", "--quiet", "--create", "own"], check=True)
-    subprocess.run([*commit, "φ" * 72 + "\n\n" + "x" * 80], check=True)
-    assert long_subjects(tmp_path) == []
-    subprocess.run([*commit, "φ" * 73], check=True)
-    assert long_subjects(tmp_path) == ["φ" * 73]
+    """Of what HEAD has beside the main branch."""
+    for main in ("origin/main", "main"):
+        asked = ["git", "log", "--no-merges", "--format=%s", f"{main}..HEAD"]
+        run = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True)
+        if run.returncode == 0:
+            assert [subject for subject in run.stdout.splitlines() if len(subject) > 72] == []
+            break
 
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

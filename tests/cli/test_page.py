@@ -14,7 +14,6 @@ import pytest
 from afl_mujoco.cli.study import inputs_of, require_page, write_page
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
-from afl_mujoco.report.style import CONTROLLERS
 from afl_mujoco.studies.estimation import CASES
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import PAGE, save_record
@@ -183,35 +182,7 @@ def test_a_film_is_linked_or_said_to_be_missing(outline: Outline) -> None:
     assert "gone.mp4 is not there: afl-mujoco render gone.mp4 makes it." in outline.text
 
 
-def contrast(one: str, other: str) -> float:
-    def luminance(colour: str) -> float:
-        parts = (int(colour[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
-        linear = [x / 12.92 if x <= 0.04045 else ((x + 0.055) / 1.055) ** 2.4 for x in parts]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    light, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (light + 0.05) / (dark + 0.05)
-
-
-@pytest.mark.parametrize("place", [0, 1], ids=["light", "dark"])
-def test_text_stands_out_from_its_ground(outline: Outline, place: int) -> None:
-    (style,) = outline.raw["style"]
-    blocks = re.findall(r":root \{(.*?)\}", style, re.DOTALL)
-    colours = dict(re.findall(r"--([\w-]+): (#\w{6});", blocks[place]))
-    for text in ("ink", "faint", "link", "good", "bad", "part", "open"):
-        for ground in ("paper", "ground", "sunk"):
-            assert contrast(colours[text], colours[ground]) >= 4.5, (text, ground)
-        if f"{text}-ground" in colours:
-            assert contrast(colours[text], colours[f"{text}-ground"]) >= 4.5, text
-    mixed = re.findall(r"color-mix\(in srgb, var\(--own\) (\d+)%, (black|white)\)", style)
-    share, other = int(mixed[place][0]) / 100.0, {"black": 0, "white": 255}[mixed[place][1]]
-    for own in CONTROLLERS.values():  # as a replay draws them
-        parts = (int(own[k : k + 2], 16) for k in (1, 3, 5))
-        drawn = "#" + "".join(f"{round(share * x + (1 - share) * other):02x}" for x in parts)
-        assert contrast(drawn, colours["paper"]) >= 3.0, own
-
-
-@pytest.mark.parametrize("link", ["a.mp4", "a.png", "margins-delay.svg", "sub"])
+@pytest.mark.parametrize("link", ["a.mp4", "margins-delay.svg", "sub"])
 def test_no_link_puts_a_file_from_outside_into_the_page(command_line, tmp_path, link) -> None:
     secret = tmp_path / "secret"
     secret.mkdir()

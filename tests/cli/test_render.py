@@ -13,10 +13,8 @@ SMALL = ("--size", "160x128", "--controllers", "adaptive")
 
 BAD = {
     "render nominal --size 1280": "size must be WIDTHxHEIGHT, such as 1280x720, got 1280",
-    "render nominal --size 641x480": "film width must be even, for H.264, got 641",
     "render nominal --size 1280x1440": "film height must lie between 128 and 1080 pixels, the ",
     "render --fps 0": "fps must lie between 1 and 240, got 0",
-    "render --controllers fixed fixed": "film names must differ, got 'nominal-fixed.mp4' twice",
     "render blink.toml": "scenario 'blink' must last a frame at 30 frames per second, got 0.01 s",
     "view --speed 0": "speed must be positive and finite, got 0.0",
 }
@@ -53,12 +51,3 @@ def test_view_without_a_display_says_what_to_do(monkeypatch, capsys) -> None:
     with pytest.raises(GraphicsError, match="afl-mujoco render makes films without one"):
         require_display()
     assert main(["view", "step-step"]) == 2 and len(capsys.readouterr().err.splitlines()) == 1
-
-
-def test_view_on_a_display_that_is_not_there_is_one_line(tmp_path) -> None:
-    result = run("view", cwd=tmp_path, DISPLAY=":63", WAYLAND_DISPLAY="")
-    assert (result.returncode, result.stdout) == (2, "")
-    assert result.stderr == (
-        "afl-mujoco: view needs a display on which a window can be opened "
-        "(glfw cannot use the display), got :63\n"
-    )

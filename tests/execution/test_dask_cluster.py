@@ -4,10 +4,7 @@ Optional: `make cluster` installs Dask and runs this. Without it the tests are s
 where AFL_MUJOCO_REQUIRE_CLUSTER is set.
 """
 
-import asyncio
 import os
-import socket
-import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -70,6 +67,30 @@ def test_a_unit_that_kills_every_worker_ends_the_work_in_one_line(address: str) 
         compute_all(units.doomed_always, range(8), executor)
 
 
+def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
+    with units.program(tmp_path, 1, address) as process:
+        units.awaited(lambda: len(units.kept(tmp_path / "done")) >= 3)
+        units.interrupt(process)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "tcp://127.0.0.1:99999"])
+def test_an_address_of_no_scheduler_is_refused_in_one_line_and_soon(tmp_path, address) -> None:
+    begun = time.monotonic()
+    with units.program(tmp_path, 1, address) as process:
+        said, _ = process.communicate(timeout=units.PATIENCE)
+    assert time.monotonic() - begun < SOON
+    assert process.returncode == 2
+    assert said.startswith(f"cluster {address} cannot be used: ")
+    assert said.count("\n") == 1, said
+
+
+def test_a_cluster_with_another_version_of_the_package_is_refused(monkeypatch, address, tmp_path):
+    said = f"must have afl_mujoco 99 installed, got {dask_cluster.VERSION}"
+    monkeypatch.setattr(dask_cluster, "VERSION", "99")
+    with pytest.raises(AflMujocoError, match=said):
+        computed(units.noted, tmp_path, address)
+
+
 def test_a_scheduler_that_goes_away_is_named(caplog: pytest.LogCaptureFixture) -> None:
     cluster = started(1)
     address = cluster.scheduler_address
@@ -78,19 +99,6 @@ def test_a_scheduler_that_goes_away_is_named(caplog: pytest.LogCaptureFixture) -
     with pytest.raises(AflMujocoError, match=said), open_executor(1, address) as executor:
         compute_all(time.sleep, [0.0, 5.0], executor, lambda _: cluster.close())
     assert caplog.messages == []
-
-
-def test_ctrl_c_leaves_the_finished_units(tmp_path: Path, address: str) -> None:
-    with units.program(tmp_path, 1, address) as process:
-        units.awaited(lambda: len(units.kept(tmp_path / "done")) >= 3)
-        units.interrupt(process)
-
-
-def test_in_a_running_event_loop_as_of_a_notebook_it_is_the_same(tmp_path, address) -> None:
-    async def cell() -> list[Any]:
-        return computed(units.noted, tmp_path, address)
-
-    assert repr(asyncio.run(cell())) == repr(units.SERIAL)
 
 
 def test_a_module_that_only_this_process_has_is_named_with_the_worker(
@@ -104,53 +112,3 @@ def test_a_module_that_only_this_process_has_is_named_with_the_worker(
         compute_all(repr, [controller], executor)
     for part in ("controller 'only_here:force'", "No module named 'only_here'"):
         assert part in str(error.value)
-
-
-def listener(behaviour: str) -> tuple[socket.socket, str]:
-    server = socket.create_server(("127.0.0.1", 0))
-    address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
-
-    def serve() -> None:
-        while True:
-            try:
-                connection, _ = server.accept()
-            except OSError:
-                return
-            with connection:
-                if behaviour == "web":
-                    connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
-                elif behaviour == "silent":
-                    time.sleep(SOON)
-
-    if behaviour == "nobody":
-        server.close()
-    else:
-        threading.Thread(target=serve, daemon=True).start()
-    return server, address
-
-
-@pytest.mark.parametrize("behaviour", ["nobody", "web", "silent", "malformed"])
-def test_an_address_of_no_scheduler_is_refused_in_one_line_and_soon(tmp_path, behaviour) -> None:
-    server, address = listener(behaviour)
-    if behaviour == "malformed":
-        address = "tcp://127.0.0.1:99999"
-    begun = time.monotonic()
-    with server, units.program(tmp_path, 1, address) as process:
-        said, _ = process.communicate(timeout=units.PATIENCE)
-    assert time.monotonic() - begun < SOON
-    assert process.returncode == 2
-    assert said.startswith(f"cluster {address} cannot be used: ")
-    assert said.count("\n") == 1, said
-
-
-def test_a_cluster_without_workers_is_refused(monkeypatch, tmp_path) -> None:
-    monkeypatch.setattr(dask_cluster, "TIMEOUT", 1.0)
-    with started(0) as empty, pytest.raises(AflMujocoError, match="has no workers"):
-        computed(units.noted, tmp_path, empty.scheduler_address)
-
-
-def test_a_cluster_with_another_version_of_the_package_is_refused(monkeypatch, address, tmp_path):
-    said = f"must have afl_mujoco 99 installed, got {dask_cluster.VERSION}"
-    monkeypatch.setattr(dask_cluster, "VERSION", "99")
-    with pytest.raises(AflMujocoError, match=said):
-        computed(units.noted, tmp_path, address)

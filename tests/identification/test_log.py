@@ -60,7 +60,7 @@ def test_stamps_that_the_readings_follow_are_kept_and_others_are_not() -> None:
         assert log.missing == 0 and log.jitter == pytest.approx(0.004, rel=0.1)
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.1, 0.3])
+@pytest.mark.parametrize("scatter", [0.0, 0.3])
 def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> None:
     rng = np.random.default_rng(1)
     count = len(columns["time"])
@@ -108,10 +108,8 @@ BAD = {
     "phi must be numbers below 1e+20, got nan in row 8": lambda c: changed(c, "phi", 7, np.nan),
     "time must increase from row to row, got a decrease in row 6": (
         lambda c: changed(c, "time", 5, 0.0)),
-    "got no change in row 10": lambda c: changed(c, "time", 9, c["time"][8]),
     "command must be within 1, got 1.5": lambda c: changed(c, "command", 3, 1.5),
     "phi must vary: the angle is constant in this log": lambda c: {**c, "phi": 0.0 * c["phi"]},
-    "z must vary: the position is constant in this log": lambda c: {**c, "z": 0.0 * c["z"]},
     "rows must be at least 50, got 20": lambda c: {name: x[:20] for name, x in c.items()},
 }  # fmt: skip
 
@@ -122,11 +120,6 @@ def test_a_log_that_breaks_a_rule_is_refused(columns, said: str) -> None:
         log_of("mine", BAD[said](columns), PLAIN)
 
 
-def test_another_sampling_rate_than_described(columns) -> None:
-    with pytest.raises(AflMujocoError, match=r"near the period .*0\.005 s, got 0\.0[12]"):
-        log_of("mine", columns, replace(PLAIN, period=0.005))
-
-
 @pytest.mark.parametrize("text", ["", "time,phi,z,command\n1,2,three,4\n", "\x00\xff"])
 def test_a_file_that_is_no_log(tmp_path, text: str) -> None:
     path = tmp_path / "bad.csv"
@@ -135,8 +128,7 @@ def test_a_file_that_is_no_log(tmp_path, text: str) -> None:
         read_log(path, PLAIN)
 
 
-@pytest.mark.parametrize("separator", [";", "\t", ","])
-@pytest.mark.parametrize("point", [".", ","])
+@pytest.mark.parametrize(("separator", "point"), [(";", ","), ("\t", "."), (",", ",")])
 def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, separator, point):
     path = written(tmp_path, columns)
     here = read_log(path, PLAIN)
@@ -151,14 +143,10 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, 
 @pytest.mark.parametrize(("change", "encoding", "message"), [
     (("0.08,", "0.08,,"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas"),
     (("\n0.08,", "\n# a note\n\nx,"), "utf-8", "row 5 (line 8) must have a number in column 't"),
-    (("\n0.08,", "\n;"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas, got"),
-    (("phi", "φ"), "utf-8", "the columns are time, φ, z, command (separated by commas)"),
-    (("phi", "phi [°]"), "latin-1", "not UTF-8 text: save it as UTF-8"),
     (("command", "comand"), "utf-8",
      "column 'command' is missing; the columns are time, phi, z, comand; did you mean comand?"),
     (("", ""), "utf-16", "not UTF-8 text: save it as UTF-8"),
-    (("time", '"time'), "utf-8", "is not a table of numbers separated by commas"),
-], ids=lambda value: value if value in ("latin-1", "utf-16") else "")  # fmt: skip
+], ids=lambda value: value if value == "utf-16" else "")  # fmt: skip
 def test_what_is_wrong_in_a_log_is_named(tmp_path, columns, change, encoding, message) -> None:
     regular = {**columns, "time": 0.02 * np.arange(len(columns["time"]))}
     path = written(tmp_path, regular)
@@ -175,8 +163,6 @@ def test_files_too_large_no_logs_and_names_that_come_twice(tmp_path, columns, mo
     path = written(tmp_path, columns)
     with pytest.raises(AflMujocoError, match="log names must differ, got 'mine' twice"):
         read_logs([path, path], PLAIN)
-    with pytest.raises(AflMujocoError, match=r"none\.csv cannot be read: no such file"):
-        read_logs([tmp_path / "none.csv"], PLAIN)
     monkeypatch.setattr(logs, "MOST_BYTES", 1000)
     with pytest.raises(AflMujocoError, match=r"must be at most 0\.001 MB"):
         read_log(written(tmp_path, columns), PLAIN)
@@ -232,12 +218,9 @@ def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_pa
 @pytest.mark.parametrize(("before", "after", "message"), [
     ("period = 0.01", "period = 0.0", "period must be positive, got 0"),
     ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
-    ("resolution = 0.1", "resolutoin = 0.1", "resolutoin is not a known key"),
     ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
-    ("resolution = 0.1", "sign = 2", "sign must be 1 or -1, got 2"),
     ("resolution = 0.1", 'column = "z"', "column names must differ, got 'z' twice"),
     ("pole_mass = 0.1", "", "nominal.pole_mass is missing"),
-    ("[nominal]", f"x = {5000 * '1'}\n[nominal]", "is not valid TOML: Exceeds the limit"),
 ])  # fmt: skip
 def test_what_breaks_a_rule_is_named(tmp_path, before: str, after: str, message: str) -> None:
     (tmp_path / "rig.toml").write_text(GOOD.replace(before, after))

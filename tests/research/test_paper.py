@@ -13,25 +13,8 @@ from research import paper
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "readings.json"
 
 
-def test_every_point_of_the_cube_is_a_reading() -> None:
-    cube = np.random.default_rng(0).random((200, len(paper.AXES)))
-    cube[0], cube[1] = 0.0, 1.0  # times at the same place are put apart
-    for one in paper.readings_at(cube):
-        for times, _ in paper.SCHEDULES.values():
-            assert np.diff(one[times]).min() >= paper.GAP * (1.0 - 1e-9)
-            assert one[times][0] >= paper.GAP
-            assert one[times][-1] <= one[paper.HORIZON] - paper.GAP + 1e-9
-        for case in paper.CASES:
-            scenario = paper.scenario_of(one, case, "any")
-            assert scenario.duration == pytest.approx(one[paper.HORIZON], abs=1e-12)
-            (m0, m1), (l0, l1), *_ = scenario.plants
-            assert 0.1 - 1e-9 <= m0 <= m1 <= 2.0 + 1e-9 and 0.05 - 1e-9 <= l0 <= l1 <= 1.0 + 1e-9
-        assert {one[paper.LABELS], one[paper.SIGNED]} <= {0.0, 1.0}
-
-
-@pytest.mark.parametrize("index", [0, 1, 2])
-def test_improvements_are_those_of_the_simulated_scenarios(index: int) -> None:
-    one = paper.random_readings(40, 1)[index].copy()
+def test_improvements_are_those_of_the_simulated_scenarios() -> None:
+    one = paper.random_readings(40, 1)[0].copy()
     one[[paper.SCALE_Z, paper.SCALE_PHI, paper.SIGNED]] = 0.0
     found = paper.improvements(paper.terms_of(one[None]).objectives(one[None]))[0]
     scales = nominal_scales(1e-3)
@@ -55,11 +38,7 @@ def test_the_papers_own_values_have_no_error_but_table_1s_header() -> None:
     assert paper.scaled(own)[0] == pytest.approx(paper.PUBLISHED)
     assert paper.value_error(own)[0] == pytest.approx(0.0, abs=1e-9)
     assert paper.improvement_error(own)[0] < 0.01  # both are printed with four digits
-    worse = own * np.array([1.0, 1.1])
-    assert paper.value_error(worse)[0] > 4.0
-    shift = 100.0 * np.mean(worse[0, :, 1] / worse[0, :, 0] - own[0, :, 1] / own[0, :, 0])
-    assert paper.improvement_error(worse)[0] == pytest.approx(shift, rel=0.05)
-    assert np.isinf(paper.value_error(np.full((1, 4, 2), np.inf))[0])
+    assert paper.value_error(own * np.array([1.0, 1.1]))[0] > 4.0
     found = {(fit.labels, fit.gain): fit.possible for fit in paper.published_fits()}
     assert not found["table1", "switching"]
     assert all(found["table2", gain] for gain in paper.PUBLISHED_RMSE)

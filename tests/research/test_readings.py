@@ -11,19 +11,6 @@ from research.figures import draw_sensitivity
 from research.gain_tuning import GainTable
 
 
-@pytest.mark.parametrize("goal", readings.GOALS)
-def test_round_readings_are_round_and_sound(goal: str) -> None:
-    found = readings.rounded(paper.random_readings(500, 0), readings.GOALS[goal])
-    assert readings.sound(found).all()
-    assert set(found[:, paper.HORIZON]) <= set(readings.ROUND_HORIZONS)
-    for (symbol, _), (times, levels) in paper.SCHEDULES.items():
-        np.testing.assert_allclose(found[:, times] % 0.5, 0.0, atol=1e-12)
-        share = found[:, levels] / (0.1 if symbol == "M" else 0.05)
-        np.testing.assert_allclose(share, np.round(share), atol=1e-9)
-    if not readings.GOALS[goal].scales:
-        assert not found[:, [paper.SCALE_Z, paper.SCALE_PHI]].any()
-
-
 def test_a_search_is_the_same_again_and_finds_better_than_its_start() -> None:
     unit = ("improvements-d4", 1, 0, Budget(generations=3, population=8))
     first = readings.nearest(unit)

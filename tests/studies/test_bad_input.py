@@ -1,8 +1,6 @@
 """Bad input of every study, through the real command line: exit code 2, one line, nothing left."""
 
-import json
 from dataclasses import fields
-from pathlib import Path
 from typing import get_type_hints
 
 import pytest
@@ -33,17 +31,9 @@ WITH_SCENARIOS = [*(name for name in ALL if takes_scenarios(studies()[name])), "
 
 FILES = {
     "missing file": ("missing.toml", None, "missing.toml cannot be read: no such file"),
-    "directory for a file": ("folder.toml", None, "folder.toml"),
     "broken TOML": ("bad.toml", "duration = = 1", "bad.toml is not valid TOML"),
     "unknown key": ("bad.toml", "[schedule]\nhalf_lenght = 1", "got 'half_lenght'; did"),
-    "NaN": ("bad.toml", "duration = nan", "bad.toml"),
-    "endless number": (
-        "bad.toml",
-        f"duration = {5000 * '1'}",
-        "is not valid TOML: Exceeds the limit",
-    ),
     "unknown name": ("step-stp", None, "did you mean step-step"),
-    "NUL in a name": ("a\0b.toml", None, "argument must not contain a NUL character, got a\\x00b"),
 }
 
 
@@ -51,11 +41,10 @@ FILES = {
 @pytest.mark.parametrize("name", WITH_SCENARIOS)
 def test_a_scenario_file_that_cannot_be_used(toy, refuses, tmp_path, name, case) -> None:
     file, text, message = FILES[case]
-    (tmp_path / "folder.toml").mkdir()
     if text is not None:
         (tmp_path / file).write_text(text)
     said = refuses(name, file, "--out", "out")
-    if name == "estimation" and "\0" not in file:  # of the paper's scenarios only
+    if name == "estimation":  # of the paper's scenarios only
         message = "scenario must be one of nominal, step-step, "
     assert message in said
 
@@ -99,38 +88,10 @@ def test_a_place_for_results_or_films_that_cannot_be_used(toy, refuses, tmp_path
         assert message in refuses(name, *arguments)
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_an_option_without_a_value(toy: str, refuses, name: str) -> None:
-    hints = get_type_hints(studies()[name].parts.Options, include_extras=True)
-    for option, hint in {"out": Path, **hints}.items():
-        if hint is bool or tyro.conf.Positional in getattr(hint, "__metadata__", ()):
-            continue
-        word = f"--{option.replace('_', '-')}"
-        said = refuses(name, word, "")
-        assert said == f"afl-mujoco: {word} must not be empty, got ''"
-        assert said == refuses(name, f"{word}=")
-        assert refuses(name, word) == f"afl-mujoco: {word} must have a value, got none"
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_a_result_of_another_schema_names_what_makes_it_anew(toy, refuses, tmp_path, name):
-    folder = tmp_path / "renders" / "validation"
-    folder.mkdir(parents=True)
-    text = json.dumps({"schema": 0, "study": name, "command": "", "files": []})
-    (folder / f"{STEMS[name]}.json").write_text(text)
-    said = refuses("report")
-    assert f"validation/{STEMS[name]}.json is not a result of afl-mujoco {name}: " in said
-    assert said.endswith(f"got '{name}' and 0: run afl-mujoco {name}")
-    other = "margins" if name != "margins" else "estimation"
-    assert f"run afl-mujoco {name}" in refuses(other)  # before anything slow
-
-
 CASES = {
     "validate": [
-        (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
         (["--controllers", "fixed-estimated"],
          "controller 'fixed-estimated' uses the estimator; only mode \"sampled\" "),
-        (["--timestep", "-0.001"], "timestep must be positive, got -0.001"),
         (
             ["nominal", "--control-period", "40"],
             "control_period must be within the duration 20 s (in seconds, not Hz), got 40.0",
@@ -142,56 +103,40 @@ CASES = {
     "check": [
         (["--samples", "0"], "samples must be at least 1, got 0"),
         (["nowhere.py"], "plant must be FILE.py:NAME or MODULE:NAME, got 'nowhere.py'; did you"),
-        (["absent.py:plant"], "absent.py cannot be read: no such file"),
         (["json:dumps"], "plant 'json:dumps' must be an afl.Plant"),
         (["cart-pole", "--box", "fi", "-1", "1"], "box must be one of z, phi, "),
         (["cart-pole", "--box", "phi", "1"], "HIGH, again for each name, got phi 1"),
-        (["cart-pole", "--box"], "--box must have a value, got none"),
-        (["cart-pole", "--box", "phi", "1", "0"], "box phi must be two finite numbers, the lower"),
     ],
     "thresholds": [
         (["--imperfections", "gravity"], "imperfection must be one of control_period, delay, "),
-        (["--seeds", "0"], "seeds must be at least 1, got 0"),
         (["--scan", "1"], "scan must be at least 2, got 1"),
         (["--seeds", 20 * "9"], "seeds must be at most 1000, got 9"),
         (["slow.toml", "--timestep", "0.001"], "timestep 0.001 s must divide control_period"),
     ],
     "montecarlo": [
         (["--controllers", "nowhere:force"], "controller 'nowhere:force' must be in a module"),
-        (["--samples", "0"], "samples must be at least 1, got 0"),
         (["--samples", 20 * "9"], f"samples must be at most 1000000, got {20 * '9'}"),
         (["--workers", "100000"], "workers must be at most 1024, got 100000"),
-        (["--seed", "-1"], "seed must be at least 0, got -1"),
         (["--generations", "0"], "generations must be at least 1, got 0"),
-        (["--cluster", "nowhere"], "cluster must be the address of a Dask scheduler"),
     ],
     "attraction": [
         (["--grid", "1"], "grid must be at least 2, got 1"),
-        (["--grid", "10000000"], "grid must be at most 1001, got 10000000"),
     ],
     "margins": [
         (["--levels", "1"], "levels must be at least 2, got 1"),
-        (["--control-period", "0"], "control_period must be positive, got 0"),
-        (["--control-period", "1e9"], "control_period must be at most 10 s, got 1e+09"),
     ],
     "identify": [
         (["none.csv", "--description", "rig.toml"], "none.csv cannot be read: no such file"),
         (["still.csv"], "description must be given: logs need their description"),
-        (["--description", "rig.toml"], "logs must be given: logs need their description"),
-        (["still.csv", "--description", "none.toml"], "none.toml cannot be read: no such file"),
         (["still.csv", "--description", "rig.toml"], "phi must vary: the angle is constant"),
-        (["real.toml", "--description", "rig.toml"], "real.toml: column 'time' is missing"),
-        (["still.csv", "--description", "real.toml"], "real.toml: imperfections is not a known"),
     ],
     "hardware": [
         (["--logs", "taken"], "taken must contain logs, *.csv"),
         (["--draws", "100001"], "draws must be at most 100000, got 100001"),
-        (["--estimates", "none.json", "--logs", "taken"], "none.json cannot be read: no such"),
         (["--estimates", "real.toml", "--logs", "taken"], "real.toml has no estimates of afl-muj"),
     ],
     "estimation": [
         (["--seeds", "0"], "seeds must be at least 1, got 0"),
-        (["--seeds", 20 * "9"], "seeds must be at most 1000, got 9"),
         (["--controller", "adaptive-estimated"], "controller 'adaptive-estimated' must be"),
         (["nominal", "nominal"], "scenario names must differ, got 'nominal' twice"),
     ],

@@ -44,28 +44,6 @@ def test_levels_that_come_in_steps_are_narrowed_to_one_step():
     assert all(2.0 * level == round(2.0 * level) for level in tried)
 
 
-@pytest.mark.parametrize("less_is_worse", [False, True])
-def test_a_narrow_loss_just_before_the_threshold_is_found(less_is_worse):
-    """Lost in a band of 2 % from 40 on, and in another 1.5 times as far; else up to 47."""
-
-    def holds(level: float) -> bool:
-        level = 1000.0 / level if less_is_worse else level
-        return level < 47.0 and not 40.0 < level < 40.8 and not 26.0 < level < 26.5
-
-    scan = scan_levels(*((1000.0, 2.0) if less_is_worse else (1.0, 500.0)), 13)
-    assert find_threshold(holds, scan, 0.02).fails_at == pytest.approx(
-        1000.0 / 47.0 if less_is_worse else 47.0, rel=0.021
-    )
-    near = find_threshold(holds, scan, 0.02, closer=20)
-    edge = 1000.0 / 40.0 if less_is_worse else 40.0
-    assert near.holds_at is not None and holds(near.holds_at)
-    assert near.fails_at is not None and not holds(near.fails_at)
-    assert near.fails_at == pytest.approx(edge, rel=0.011)
-    assert abs(math.log(near.fails_at / near.holds_at)) <= math.log1p(0.02)
-    far = find_threshold(holds, scan, 0.02, closer=60)
-    assert far.fails_at == pytest.approx(1000.0 / 26.0 if less_is_worse else 26.0, rel=0.011)
-
-
 def test_each_narrow_loss_found_starts_the_count_of_levels_that_hold_anew():
     """Sixteen levels lie between two of the losses: fewer than must hold, more than half of it."""
     losses = ((40.0, 40.8), (34.0, 34.7))

@@ -82,14 +82,6 @@ def test_a_range_that_may_be_in_degrees_is_in_the_headline_of_a_plant_that_passe
     assert "range" not in afl.check(plant, 3, box={"tip": (-1.0, 1.0)}).headline
 
 
-@pytest.mark.parametrize(
-    "box", [{"amr": (0, 1)}, {"arm": (1, 0)}, {"arm": 3}, {"arm": (0, np.nan)}]
-)
-def test_a_box_that_is_none_is_refused(box, tmp_path) -> None:
-    with pytest.raises(afl.AflMujocoError, match=r"^box"):
-        afl.check(small(tmp_path), 3, box=box)
-
-
 QUAD = "quadrotor_load.py:plant"
 
 
@@ -192,57 +184,32 @@ BAD = {
         ('("arm", "tip")', '("amr", "tip")'),),
     "must be every joint of the MJCF in its order, ('arm', 'tip'), got ('tip', 'arm')": (
         ('("arm", "tip")', '("tip", "arm")'),),
-    "coordinates must be every joint of the MJCF in its order, ('arm', 'tip'), got ('arm',)": (
-        ('("arm", "tip")', '("arm",)'),),
-    "inputs must be one of torque, got 'force'": (('inputs=("torque",)', 'inputs=("force",)'),),
     "parameter 'idle' must change something that write returns, but nothing does": (
         ("parameters={", 'parameters={"idle": afl.Parameter(1.0), '),),
     "write: body arm mass must be written once, but is twice": (
         ("    return {", '    return {"body arm mass": 1.0, '),),
     "write must be one of body NAME, body NAME mass": (
         ("    return {", '    return {"body arm mas": 1.0, '),),
-    "write: body must be one of arm, tip, got 'leg'": (("body arm", "body leg"),),
-    "write: 'body tip pos' must be a tuple of 3 numbers": (("body tip pos 2", "body tip pos"),),
     "write: 'body tip pos 7' must have an index below 3, got 7": (("tip pos 2", "tip pos 7"),),
-    "write: 'geom arm size' must be a tuple of 3 numbers": (("arm size 1", "arm size"),),
     "write must return a dictionary, got None": (
         ("    return {", "    return None\n    return {"),),
-    "write raised KeyError: 'x'": (("    return {", "    {}['x']\n    return {"),),
     "write: body arm mass must be positive, got -1 at mass = -1, length = 0.4": (
         ('Parameter(1.0, "kg", low=0.5', 'Parameter(-1.0, "kg", low=-1.5'),),
-    "write: body arm mass must be positive, got -": (("low=0.5", "low=-20.0"),),
-    "write: body tip pos 0 must be a number, got 'far' ": (
-        ("    return {", '    return {"body tip pos 0": "far" if p.length < 0.3 else 0.1, '),),
     "write: body tip pos 0 must be a number, got 'far'": (
         ("    return {", '    return {"body tip pos 0": "far", '),),
     "write: body tip inertia 0 must be at most the sum of the other two, got 5": (
         ("    return {", '    return {"body tip inertia": (5.0, 1.0, 1.0), '),),
-    "write: geom arm size 1 must not be negative, got -0.2": (
-        ('size 1": p.length', 'size 1": -p.length'),),
-    "write: body arm mass must be finite, got nan": (
-        ("mass=p.mass,", 'mass=p.mass * float("nan"),'),),
-    "accelerations must be 2 numbers, got shape (3,)": (equations("return 1.0, 2.0, 3.0"),),
-    "accelerations must be finite": (equations("return float('nan'), 0.0"),),
     "accelerations must be real numbers, got complex": (equations("return 1j, 0.0"),),
     "accelerations must not change its arguments, but does": (
         equations("q[0] = 1.0\n    return q"),),
-    "accelerations must be real numbers": (equations("return 'abc'"),),
-    "accelerations raised ZeroDivisionError": (equations("return (1 / 0, 0.0)"),),
     "object has no attribute 'maas'; p has mass, length; did you mean mass": (
         equations("return (p.maas, 0.0)"),),
     "terms must return (M, h, B), got 1.0": (equations("return 1.0", "terms", "q, v, p"),),
-    "terms: M must have shape (2, 2)": (equations("return 1.0, q, q", "terms", "q, v, p"),),
     "small.py cannot be imported: ZeroDivisionError": (("def write", "1 / 0\ndef write"),),
-    "small.py cannot be imported: SyntaxError": (("def write", "def def write"),),
     "MJCF of plant 'small' cannot be parsed: XML": (("<mujoco>", "<mujoco><"),),
-    "MJCF of plant 'small' cannot be parsed: ": (('type="capsule"', 'type="capsul"'),),
     "absent.xml cannot be read: no such file": (("model=XML", 'model="absent.xml"'),),
     "signal 'far' must be one number": (
         ('name="small"', 'signals={"far": lambda q, v, p: (1.0, 2.0)}, name="small"'),),
-    "small.py:21: signal 'torque_command' must not be the name of the command too": (
-        ('name="small"', 'signals={"torque_command": lambda q, v, p: 0.0}, name="small"'),),
-    "small.py:21: parameter 'arm_dot' must not be the name of the state too": (
-        ('{"mass": afl', '{"arm_dot": afl.Parameter(1.0), "mass": afl'),),
     "small.py:24: value must lie in 0.5 to 0.8, got 0.4": (("low=0.2", "low=0.5"),),
     "small.py:24: rate must be one of frozen, enters, got 'enter'; did you mean": (
         ('low=0.2, high=0.8', 'low=0.2, high=0.8, rate="enter"'),),
@@ -257,7 +224,7 @@ BAD = {
 def test_bad_input_is_one_line_with_exit_code_2(said: str, refuses, tmp_path) -> None:
     spec = varied(tmp_path, *BAD[said])
     spec = spec[:-1] if "small.py:plan'" in said else spec
-    line = refuses("check", spec, "--samples", "300", "--out", "out")
+    line = refuses("check", spec, "--samples", "30", "--out", "out")
     assert said.rstrip() in line or spec.endswith("plan")
 
 

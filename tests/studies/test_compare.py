@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
@@ -127,13 +126,6 @@ def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> Non
     data = json.loads((rig / "out" / "compare.json").read_text())
     assert data["scenarios"][0]["requirements"]["max"]["z"] == 1.0
     assert [row["controller"] for row in data["rows"]] == [*names]
-
-
-def test_two_controllers_of_one_name_are_told_how_to_get_another() -> None:
-    with pytest.raises(InvalidValueError, match=r"got '<lambda>' twice; set __name__ on one"):
-        compare("nominal", [lambda *_: 0.0, lambda *_: 1.0])
-    with pytest.raises(InvalidValueError, match=r"got 'lqr' twice$"):
-        compare("nominal", ["lqr", "lqr"])
 
 
 @pytest.mark.parametrize(("hardware", "draws", "count"), [

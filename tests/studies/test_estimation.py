@@ -5,7 +5,6 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.report.blocks import figures_of
 from afl_mujoco.studies import estimation
 from afl_mujoco.studies.estimation import run
 
@@ -43,12 +42,7 @@ def test_the_curves_are_of_the_runs(result):
     oracle = afl.simulate_mujoco("step-step", "adaptive", "sampled")
     angle = curves["pole angle φ [rad]"]["true"][1]
     np.testing.assert_array_equal(angle[::5], oracle.state[:12001:20, 1])
-    shown = estimation.report(result)
-    assert "completes 3 of 3 noisy runs" in shown.headline
-    (figure,) = figures_of(shown.blocks)
-    axes = figure.draw().axes
-    assert len(axes) == 3
-    assert not [line for axis in axes for line in axis.lines if line.get_marker() == "x"]
+    assert "completes 3 of 3 noisy runs" in estimation.report(result).headline
 
 
 @pytest.mark.slow

@@ -53,14 +53,6 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path, command_line) -> None:
     assert "rig-0.5-z" in output.splitlines()[-1] and "FAIL" in output
 
 
-def test_estimates_changed_by_hand_are_refused(tmp_path, refuses):
-    data = json.loads((FIT.parent / "estimates.json").read_text())
-    data["drive"]["estimates"] = data["drive"]["estimates"][1:]
-    (tmp_path / "cut.json").write_text(json.dumps(data))
-    said = refuses("hardware", "--estimates", "cut.json", "--logs", ".")
-    assert "cut.json has no estimates of afl-mujoco identify: mass_ratio must be as" in said
-
-
 def judged(**values: float | None) -> Result:
     """The shipped result with some statements, their values changed."""
     result = RESULTS["hardware"]()

@@ -1,4 +1,3 @@
-import itertools
 import json
 import re
 from dataclasses import replace
@@ -35,24 +34,6 @@ def test_the_command_writes_estimates_a_scenario_and_a_figure(rig, command_line)
     scenario = load_scenario(rig / "out" / "identified.toml")
     assert scenario.imperfections.delay == found["delay"]["value"]
     assert (rig / "out" / "identify-log.png").is_file()
-
-
-@pytest.mark.slow
-def test_lost_rows_cost_what_they_held_and_no_more(rig, command_line) -> None:
-    path = rig / "logs" / "one.csv"
-    rows = path.read_text().splitlines()
-    rng = np.random.default_rng(3)
-    for share, code_due in ((0.05, 0), (0.2, 2)):
-        kept = rng.random(len(rows)) >= share
-        path.write_text("\n".join([rows[0], *itertools.compress(rows[1:], kept[1:])]))
-        code, output, errors = command_line(*IDENTIFY, "--no-page")
-        assert code == code_due, output + errors
-        if code == 0:
-            said = re.search(r"From 1 logs, ([\d.]+) % of their", output)
-            assert said is not None and float(said[1]) > 80.0
-        else:
-            assert "logs must have 50 % of their duration in windows" in errors
-            assert "of the rows are lost" in errors
 
 
 def identify_logs(folder, command_line, columns: dict) -> str:

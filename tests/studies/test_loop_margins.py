@@ -15,7 +15,6 @@ from afl_mujoco.studies.margins import HELD, Request, run
 from afl_mujoco.studies.shared import loop_margins as under_test
 from afl_mujoco.studies.shared.loop_margins import Loop
 
-NAMES = ("fixed", "adaptive", "lqr", "pole-placement", "partial-linearization")
 NOMINAL = afl.CartPoleParameters()
 LIGHT_AND_SHORT = afl.CartPoleParameters(cart_mass=0.1, half_length=0.05)
 
@@ -112,21 +111,6 @@ def test_the_linearised_plant_is_the_closed_form(odd_parameters):
         np.testing.assert_allclose(loop.b[:, 0], model.b, atol=1e-8 * np.abs(model.b).max())
 
 
-@pytest.mark.parametrize("name", ["pole-placement", "partial-linearization"])
-def test_the_placed_poles_make_the_loop_of_the_paper_s_controller(name):
-    for plant in (NOMINAL, LIGHT_AND_SHORT):
-        paper, placed = (linearize(afl.CONTROLLERS[n], plant).k for n in ("fixed", name))
-        np.testing.assert_allclose(placed, paper, rtol=1e-6)
-
-
-def test_a_controller_with_a_kink_at_upright_is_refused():
-    gains = afl.Gains(switching=100.0, slope=1.3, boundary_layer=1e-4)  # thinner than a step
-    sharp = afl.AFLController(name="sharp", gain_function=afl.GainFunction.constant(gains))
-    rule = r"^linearisation of 'sharp' must not depend on the step by more than"
-    with pytest.raises(InvalidValueError, match=rule):
-        linearize(sharp, NOMINAL)
-
-
 @pytest.mark.parametrize(("function", "rule"), [
     (lambda time, state, belief: math.nan, "must be about an equilibrium"),
     (lambda time, state, belief: math.inf, "must be about an equilibrium"),
@@ -151,33 +135,6 @@ def test_a_controller_that_bends_has_its_slope_and_an_lqr_the_margins_of_every_l
         margins = loop_margins(linearize(afl.CONTROLLERS["lqr"], plant))
         assert margins.phase >= 60.0 and margins.gain_decrease <= 0.5
         assert margins.gain_increase == math.inf
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0, 2.6])
-def test_a_delay_of_the_loop_is_taken_from_the_margin(share: float) -> None:
-    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
-    period = 0.01
-    alone = loop_margins(loop, period)
-    delayed = loop_margins(loop, period, afl.Imperfections(delay=share * period))
-    assert alone is not None and delayed is not None
-    assert delayed.delay == pytest.approx(alone.delay - share * period, rel=1e-7)
-    assert (delayed.disk < alone.disk) == (share > 0.0)
-
-
-def test_damping_lag_and_wrong_parameters_are_in_the_loop() -> None:
-    lqr = afl.CONTROLLERS["lqr"]
-    ideal = linearize(lqr, NOMINAL)
-    damped = linearize(lqr, NOMINAL, afl.Imperfections(damping={"z": 2.0}))
-    assert damped.a[2, 2] == pytest.approx(ideal.a[2, 2] - 2.0 * ideal.b[2, 0], rel=1e-6)
-    wrong = linearize(lqr, NOMINAL, belief={"cart_mass": {"error": 0.5}})
-    np.testing.assert_allclose(wrong.a, ideal.a)
-    heavier = replace(NOMINAL, cart_mass=1.5)
-    np.testing.assert_allclose(wrong.k, linearize(lqr, heavier).k, rtol=1e-6)
-    lagging = linearize(lqr, NOMINAL, afl.Imperfections(lag=0.002))
-    assert lagging.a.shape == (5, 5)
-    one, other = loop_margins(ideal), loop_margins(lagging)
-    assert one is not None and other is not None
-    assert other.delay == pytest.approx(one.delay - 0.002, rel=0.01)  # a lag is nearly a delay
 
 
 @pytest.mark.parametrize("hardware", [
@@ -242,37 +199,6 @@ def test_each_input_is_broken_with_the_other_closed(period):
             changed = replace(loop, k=changed)
             there = under_test.loop_margins(changed, period, scenario.imperfections)
             assert (there is not None) == holds
-
-
-def test_an_input_that_the_controller_leaves_alone_tolerates_everything():
-    def one(time, state, belief):
-        return both(time, state, belief)[0], 0.0
-
-    controller = PythonController(name="one", function=one, plant=TWO_CARTS)
-    name = 'name="right" type="slide"'
-    sprung = TWO_CARTS.model.replace(name, f'{name} stiffness="3" damping="3"')
-    scenario = afl.Scenario(name="two", plant=replace(TWO_CARTS, model=sprung))
-    loop = under_test.linearize(controller, scenario)
-    assert under_test.loop_margins(loop)[1] == under_test.UNTOUCHED
-
-
-@pytest.mark.parametrize("sensors", [
-    {}, {"velocity_filter": 1e-3}, {"differentiated": True},
-    {"differentiated": True, "velocity_filter": 2e-3},
-], ids=str)  # fmt: skip
-def test_a_wheel_that_only_spins_changes_no_margin(sensors):
-    """A pole falls at 9 s^-2; the torque spins a wheel whose angle nothing depends on."""
-    pole = Loop(np.array([[0.0, 1.0], [9.0, 0.0]]), np.array([[0.0], [1.0]]),
-                np.array([[30.0, 8.0]]), coordinates=1)  # fmt: skip
-    a, b = np.zeros((4, 4)), np.array([[0.0], [0.0], [1.0], [-5.0]])
-    a[0, 2] = a[1, 3] = 1.0
-    a[2, 0], a[3, 3] = 9.0, -0.5
-    wheel = Loop(a, b, np.array([[30.0, 0.0, 8.0, 0.0]]), coordinates=2)
-    for period in (None, 0.01):
-        real = afl.Imperfections(**sensors)
-        expected, found = (loop_margins(x, period, real) for x in (pole, wheel))
-        for one in asdict(expected):
-            assert getattr(found, one) == pytest.approx(getattr(expected, one), rel=1e-3)
 
 
 @pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])

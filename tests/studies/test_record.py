@@ -39,7 +39,7 @@ def same(one, other) -> bool:
 @pytest.mark.parametrize("name", NAMES)
 def test_a_record_comes_back_as_it_was(name: str, tmp_path) -> None:
     record = study_results.record(name)
-    written = save_record(record, tmp_path)
+    written = save_record(record, tmp_path, figures=False)
     assert written[0] == tmp_path / f"{record.study.stem}.json"
     again = load_record(record.study, tmp_path)
     assert same(again.result, record.result)
@@ -89,15 +89,13 @@ def broken_off(folder, monkeypatch, part: str, error) -> None:
     assert all(path.is_file() for path in folder.iterdir())  # nothing is left of what was staged
 
 
-@pytest.mark.parametrize(
-    ("error", "older"), [(ValueError, False), (ValueError, True), (KeyboardInterrupt, False)]
-)
-def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, error, older):
+@pytest.mark.parametrize("older", [False, True])
+def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, older):
     if older:
         save_record(study_results.record("margins"), tmp_path)
         (tmp_path / "report.html").write_text("the page of the older one")
         (tmp_path / "margins-partial.json").write_text("what was done when it was interrupted")
-    broken_off(tmp_path, monkeypatch, "figures", error)
+    broken_off(tmp_path, monkeypatch, "figures", ValueError)
     assert names(tmp_path) == {"margins.json", "margins.md"}
     assert load_record(find_study("margins"), tmp_path).command == "the new one"
 
@@ -120,17 +118,6 @@ def test_a_ctrl_c_or_a_full_disk_leaves_the_older_record_and_its_page(
     assert contents(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", ["margins.md", "report.html", "margins-delay.svg"])
-def test_a_folder_in_the_way_leaves_the_older_record(tmp_path, name: str) -> None:
-    save_record(study_results.record("margins"), tmp_path)
-    (tmp_path / name).unlink(missing_ok=True)
-    (tmp_path / name).mkdir()
-    before = names(tmp_path)
-    with pytest.raises(FileError, match="must be a file, but is a folder"):
-        save_record(study_results.record("margins"), tmp_path)
-    assert names(tmp_path) == before
-
-
 @pytest.mark.parametrize("name", ["compare.npz", "compare-1.svg"])
 def test_files_of_another_run_are_refused(tmp_path, name: str) -> None:
     save_record(study_results.record("compare"), tmp_path)
@@ -146,14 +133,9 @@ LONG = BARE | {"scenario": "s", "control_period": "long"}
 
 @pytest.mark.parametrize(("content", "rule"), [
     ("{", "is not a result of afl-mujoco margins: "),
-    ("[]", "is not a result of afl-mujoco margins: "), ("[" * 100_000, "is not a result of"),
     ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
-    ('{"schema": 5, "study": "ladder"}', "must be of 'margins' and have schema 5, got 'ladder"),
     ('{"schema": 5, "study": "margins"}', "command is missing"),
-    (json.dumps(BARE | {"command": 3}), "command must be a valid string, got 3"),
     (json.dumps(LONG), "control_period must be a valid number, got 'lo"),
-    (json.dumps(BARE | {"versions": []}), "versions must be an object, got []"),
-    (json.dumps(BARE | {"inputs": None}), "inputs must be an object, got None"),
     ('{"schema": NaN}', "NaN is not a JSON number"),
 ], ids=lambda text: text[:36])  # fmt: skip
 def test_a_file_that_is_no_record_is_one_line_with_what_mends_it(tmp_path, content, rule) -> None:

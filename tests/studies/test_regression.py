@@ -83,15 +83,6 @@ def test_what_moves_by_more_than_its_limit_is_named(run, said) -> None:
     assert said in found and bool(said) == bool(found)
 
 
-def test_a_missing_and_an_orphaned_baseline_fail_and_are_named(baselines) -> None:
-    fresh = by_name(made(), made("trapezoid-step"))
-    told = regression.compare(regression.load_baselines(baselines), fresh)
-    assert [*told.values()] == [
-        "missing   trapezoid-step.fixed.json has no baseline",
-        "orphaned  nominal.fixed.json has no run",
-    ]
-
-
 def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
     untouched = (baselines / "step-step.fixed.json").read_bytes()
     fresh = by_name(
@@ -112,14 +103,11 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
 
 @pytest.mark.parametrize(
     ("content", "reason"),
-    [("", "Invalid JSON"), ("<<<<<<< HEAD", "Invalid JSON"), ("[]", "must be an object"),
-     ("{}", "scenario is missing"),
+    [("<<<<<<< HEAD", "Invalid JSON"),
      (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
      (text(made("other")), "its file must be named other.fixed.json"),
-     (text(made()).replace("59.0", '"fast"'), "must be a valid number, got 'fast'"),
-     (text(made()).replace("59.0", "59.0, 1.0"), "trajectory[0]"),
      (text(made()).replace("2.5", "NaN"), "objective must be a finite number, got nan")],
-    ids=["empty", "conflict", "list", "table", "schema", "name", "text", "row", "nan"],
+    ids=["conflict", "schema", "name", "nan"],
 )  # fmt: skip
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(baselines, content, reason) -> None:
     (baselines / "step-step.fixed.json").write_text(content)
@@ -180,17 +168,3 @@ def test_the_command_passes_what_it_recorded_and_fails_on_a_change(tmp_path, mon
     assert output[0].startswith("moved     short / adaptive / ode: max_force ")
     assert output[-1] == "FAIL: 1 baselines; make baselines accepts intended changes"
     assert cli.main([*command, "--update"]) == 0 and path.read_bytes() == before
-
-
-@pytest.mark.parametrize(("line", "message"), [
-    ("--baselines none", "baseline folder none must exist; make baselines makes it"),
-    ("--baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-    ("--update --baselines bad", "bad/x.json is not a baseline: scenario is missing"),
-    ("--update --baselines /proc/afl", "output folder /proc/afl cannot be written"),
-    ("--baselines bad/x.json", "baseline folder bad/x.json must exist"),
-])  # fmt: skip
-def test_a_bad_folder_is_one_line_and_exit_2(tmp_path, refuses, line, message) -> None:
-    (tmp_path / "bad").mkdir()
-    (tmp_path / "bad" / "x.json").write_text("{}")
-    assert refuses("regression", *line.split()).startswith(f"afl-mujoco: {message}")
-    assert (tmp_path / "bad" / "x.json").read_text() == "{}"

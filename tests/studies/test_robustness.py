@@ -55,7 +55,6 @@ ARM = afl.Plant(
 
 
 @pytest.mark.parametrize(("name", "own", "level", "acting", "reference"), [
-    ("delay", {"torque": 0.003}, 0.05, [0.05, 0.05], 0.003),
     ("delay", {"torque": 0.003, "thrust": 0.0065}, 0.005, [0.005, 0.0065], 0.0065),
     ("lag", 0.003, 0.05, [0.05, 0.05], 0.003),
     ("input_limit", {"torque": 25.0}, 10.0, [10.0, 10.0], 25.0),
@@ -92,13 +91,6 @@ def test_samples_are_single_runs_and_depend_on_neither_number_nor_company(runs) 
     assert 0 < sum(bool(run.failure) for run in runs) < SAMPLES
     assert drawn(5, controllers=(ADAPTIVE, LQR))["lqr"] == runs[:5]
     assert drawn(5, seed=2)["lqr"] != runs[:5]
-
-
-@pytest.mark.slow
-def test_neither_workers_nor_chunks_change_a_bit(runs, monkeypatch) -> None:
-    assert drawn(workers=2)["lqr"] == runs
-    monkeypatch.setattr(robustness, "CHUNK", 7)
-    assert drawn()["lqr"] == runs
 
 
 def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
@@ -147,21 +139,6 @@ def test_on_random_hardware_two_processes_give_the_same_bits() -> None:
     assert nearest.distance <= hardest.distance
 
 
-@pytest.mark.parametrize(("changes", "message"), [
-    ({"samples": 0}, "samples must be at least 1, got 0"),
-    ({"seed": -1}, "seed must be at least 0, got -1"),
-    ({"controllers": []}, "controllers must be at least one, got 0"),
-    ({"controllers": [LQR, LQR]}, "controller names must differ, got 'lqr' twice"),
-    ({"space": near_laboratory(control_period=1.5e-3), "deployed": Deployed("RK4", 1e-3)},
-     "timestep 0.001 s must divide control_period 0.0015 s"),
-], ids=str)  # fmt: skip
-def test_what_cannot_be_run_is_refused_before_it_begins(changes, message: str) -> None:
-    asked = {"controllers": [LQR], "space": SPACE, "samples": 2, "seed": 1, "deployed": Deployed()}
-    with pytest.raises(afl.AflMujocoError) as raised:
-        robustness.require_samples(**{**asked, **changes})
-    assert str(raised.value).startswith(message)
-
-
 def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capfd) -> None:
     planted = np.tile([0.9, 0.1], 15)
 
@@ -171,9 +148,9 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
     middle, budget = np.full(30, 0.5), Budget(generations=60, population=16)
     best, tried = minimise(cost, middle, 0.3, search_generator(1), budget)
     assert cost([best])[0] < 0.2 * cost([middle])[0] and tried == budget.points == 961
-    again, _ = minimise(cost, middle, 0.3, search_generator(1), budget)
-    other, _ = minimise(cost, middle, 0.3, search_generator(2), budget)
-    assert best.tobytes() == again.tobytes() != other.tobytes()
+    few = Budget(generations=3, population=6)
+    one, same, other = (minimise(cost, middle, 0.3, search_generator(x), few)[0] for x in (1, 1, 2))
+    assert one.tobytes() == same.tobytes() != other.tobytes()
     seen = []
 
     def cost(points):

@@ -78,15 +78,6 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
     assert run_of(scenarios[1], LQR, afl.simulate_mujoco(scenarios[1], LQR)).time == hit.time
 
 
-def test_the_matrix_counts_draws_and_shows_margins() -> None:
-    good, bad = limited(0.5, 0.25), limited(-0.1, 0.25)
-    found = requirements_matrix(NEAR, {"a": [good, bad], "b": [good, good]}, {})
-    cells = {row[0].text: row[1:] for row in found.cells}
-    first, second = cells["|z| at most 2 m"]
-    assert (first.text, first.status) == ("1.6 (20 %) 1 of 2", "neutral")
-    assert (second.text, second.status) == ("1 (50 %)", "good")
-
-
 def test_a_median_is_of_all_draws_also_of_those_that_have_no_number() -> None:
     """Three draws settle, four never do: the median never settles, and its margin is none."""
     asked = afl.Scenario(

@@ -9,7 +9,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.report.terminal import to_text
-from afl_mujoco.scenario.imperfections import DECLARATIONS, IDEAL, IMPERFECTIONS, Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared import robustness
@@ -27,36 +27,10 @@ OWN = replace(
     imperfections=Imperfections(control_period=0.005, delay=0.002, noise={"phi": 1e-4}, seed=7),
     requirements=afl.Requirements(max={"z": 3.0}, settling_time=5.5),
 )
-NAMES = [one.name for one in IMPERFECTIONS]
 
 
 def swept(name: str, controller=LQR, scenarios=CASES, settings=SETTINGS):
     return robustness.sweep(robustness.SweepUnit(name, controller, scenarios, settings))
-
-
-@pytest.mark.parametrize("name", NAMES)
-def test_an_imperfection_sets_its_fields_at_levels_within_its_range(name: str) -> None:
-    one = robustness.KNOWN[name]
-    found = robustness.hardware_at(one, one.reference)
-    assert found.keys() == {*one.fields, *one.switches}
-    for field, factor in one.fields.items():
-        assert found[field] == pytest.approx(factor * one.reference)
-    low, high = sorted((one.benign, one.harsh))
-    assert low < one.reference < high
-    assert one.less_is_worse == (name in ("input_limit", "slew_rate", "end_stops.z"))
-    for level in (one.benign, one.harsh):
-        afl.SCENARIOS["nominal"].changed(robustness.hardware_at(one, level))
-    thousandth = one.unit.startswith("g") or (one.unit[0] == "m" and one.unit[1:2].isalpha())
-    assert one.scale == (1e2 if one.unit == "%" else 1e3 if thousandth else 1.0)
-
-
-def test_every_departure_that_a_scenario_can_have_is_an_imperfection() -> None:
-    set_ = {field for one in IMPERFECTIONS for field in (*one.fields, *one.switches)}
-    there = {*DECLARATIONS}
-    # a filter that does harm only with others, and a friction that is seen where it is identified
-    # and what is assumed of m and g
-    known = {"velocity_filter", "dry_friction.phi", "pole_mass_error", "gravity_error"}
-    assert set_ == there - known
 
 
 def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_as_bad() -> None:
@@ -92,7 +66,6 @@ def test_an_encoder_is_judged_by_draws_of_noise_and_start_within_its_own_steps()
 @pytest.mark.parametrize(("own", "put", "found"), [
     ({"delay": 0.02}, {"delay": 0.002}, {"delay": 0.02}),
     ({"input_limit": 60.0}, {"input_limit": 1000.0}, {"input_limit": 60.0}),
-    ({"input_limit": 60.0}, {"input_limit": 50.0}, {"input_limit": 50.0}),
     ({}, {"input_limit": 50.0}, {"input_limit": 50.0}),
     ({"control_period": 0.02}, {"control_period": 0.001}, {"control_period": 0.02}),
     ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
@@ -108,17 +81,6 @@ def test_an_error_of_the_belief_is_added_to_that_of_the_file(level: float, found
     scenario = replace(CASE, belief={"cart_mass": {"error": -0.3}})
     on_top = robustness.on_hardware(scenario, {"cart_mass_error": level})
     assert on_top.belief.error("cart_mass_error") == pytest.approx(found)
-
-
-@pytest.mark.parametrize(("name", "own", "reference"), [
-    ("delay", {}, 0.002), ("delay", {"delay": 0.001}, 0.002), ("delay", {"delay": 0.04}, 0.04),
-    ("input_limit", {"input_limit": 60.0}, 50.0), ("input_limit", {"input_limit": 20.0}, 20.0),
-    ("combined", {"delay": 0.04}, 1.0),
-])  # fmt: skip
-def test_the_reference_is_no_milder_than_the_scenario(name, own, reference) -> None:
-    scenario = replace(CASE, imperfections=IDEAL.changed(own))
-    one = robustness.find_imperfection(name)
-    assert robustness.referred(one, (scenario,)).reference == reference
 
 
 def test_every_level_is_run_with_every_seed_of_the_noise_and_every_scenario(monkeypatch) -> None:
@@ -142,25 +104,12 @@ def test_what_a_controller_does_not_read_is_no_imperfection_for_it() -> None:
     own = PythonController(name="deaf", function=deaf)
     names = ("delay", "cart_mass_error+", "parameter_delay")
     settings = replace(SETTINGS, scan=2, tolerance=1.0)
-    found = run(Request([LQR, own], (CALM,), settings, names))
+    found = run(Request([LQR, own], (replace(CALM, duration=0.5),), settings, names))
     assert [found.sweep(name, "deaf").applies for name in names] == [True, False, False]
     assert found.sweep("cart_mass_error+", "lqr").applies
     lines = to_text(report(found).blocks).splitlines()
     (row,) = [line for line in lines if line.strip().startswith("M assumed too large")]
     assert row.rstrip().endswith("–") and "> 3000" in row  # lqr, that reads it
-
-
-def test_where_a_scenario_has_requirements_they_decide() -> None:
-    wide = replace(OWN, requirements=afl.Requirements(max={"z": 50.0}))
-    narrow = replace(OWN, requirements=afl.Requirements(max={"z": 0.5}))
-    for scenario, failure in ((wide, ""), (narrow, "max.z")):
-        alone = replace(SETTINGS, seeds=1)
-        (one,) = robustness.run_bare(robustness.SweepUnit("", LQR, (scenario,), alone))
-        assert one.failure == failure
-    (steep,) = run_all(LQR, [replace(narrow, initial_state=(0.0, 1.5, 0.0, 0.0))])
-    assert steep.failure == "fell"
-    hard = replace(CALM, requirements=afl.Requirements(max={"phi": 0.09, "force": 1.0}))
-    assert run_all(ADAPTIVE, [hard])[0].failure == "max.force"  # the angle only by 11 %
 
 
 def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
@@ -198,8 +147,6 @@ def test_the_worst_of_the_scenarios_counts_for_any_number_of_workers() -> None:
     alone, both = swept("input_limit"), swept("input_limit", scenarios=(gentle, CASE))
     assert both.survives == alone.survives
     assert [one.scenario for one in both.failure if one.failure] == ["step-step"]
-    easy = swept("input_limit", scenarios=(gentle,))
-    assert easy.survives.fails_at is None or easy.survives.fails_at < alone.survives.fails_at
     done: list[tuple] = []
     settings = replace(SETTINGS, scan=3, tolerance=0.5)
     asked = Request([LQR, ADAPTIVE], (replace(CASE, duration=2.0),), settings, ("delay", "noise"))

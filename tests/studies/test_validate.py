@@ -8,9 +8,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.report.blocks import Cell, Matrix, Section, figures_of
+from afl_mujoco.report.blocks import Cell, Matrix, Section
 from afl_mujoco.simulation.judgement import Judgement
-from afl_mujoco.studies.shared.arrays import packed
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record, save_record
 from afl_mujoco.studies.shared.run import Run as Row
@@ -56,19 +55,6 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Resu
         assert time[0] == 0.0 and time[-1] == run.time[-1] and np.diff(time).max() < 0.021
     assert short.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
     assert short.omissions == short.claims == ()
-
-
-@pytest.mark.slow
-def test_two_workers_give_the_same_result_as_one(short: Result) -> None:
-    (data, arrays), (same, others) = packed(short), packed(run(Request([SHORT], USED), workers=2))
-    assert data == same
-    for name, array in arrays.items():
-        np.testing.assert_array_equal(array, others[name])
-
-
-def test_the_objective_of_the_fixed_gains_on_the_nominal_plant_is_three() -> None:
-    nominal = run(Request([afl.SCENARIOS["nominal"]], USED[:1]))
-    assert nominal.runs[0].metrics["objective"] == 3.0
 
 
 def matrix(result: Result, caption: str) -> list[list[Cell]]:
@@ -132,35 +118,19 @@ def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -
     result = make_result(b3=3.4e-7)
     rows = {row[0].text: row for row in matrix(result, "at its worst")}
     assert list(rows) == ["A1", "A3", "A5", "B1", "B2", "B3", "B5"]
-    assert [(c.text, c.status) for c in rows["B1"][2:]] == [
-        ("5.8×10⁻¹²", "good"), ("10⁻⁹", ""), ("170×", ""),
-    ]  # fmt: skip
-    assert [(c.text, c.status) for c in rows["B3"][2:]] == [
-        ("3.4×10⁻⁷", "bad"), ("10⁻⁸", ""), ("0.029×", ""),
-    ]  # fmt: skip
-    assert rows["A3"][4].text == "–"
+    shown = [(cell.text, cell.status) for cell in rows["B3"][2:]]
+    assert shown == [("3.4×10⁻⁷", "bad"), ("10⁻⁸", ""), ("0.029×", "")]
     for row in matrix(result, "The criteria"):
-        criterion = CRITERIA[row[0].text]
-        wanted = (criterion.reason, criterion.proves, criterion.leaves_open)
-        assert tuple(cell.text for cell in row[1:]) == wanted
-    assert matrix(make_result(b3=None), "at its worst")[5][2] == Cell("none", "bad")
+        assert row[1].text == CRITERIA[row[0].text].reason
 
 
-def test_the_claims_and_the_budget_stand_with_their_numbers_and_are_drawn() -> None:
+def test_the_claims_and_the_budget_stand_with_their_numbers() -> None:
     result = make_result()
     rows = matrix(result, "Not computed by this run")
     assert [row[0].text for row in rows] == [claim.id for claim in result.claims]
     assert [row[4].text for row in rows] == [claim.verdict for claim in result.claims]
     assert [cell.text for cell in rows[2][2:4]] == ["38.03 %", "15.4 %"]
     assert (rows[1][2].text, rows[4][3].text) == ("–", "–")
-    (figure,) = figures_of(report(result).blocks)
-    (axis,) = figure.draw().axes
-    labels = [label.get_text() for label in axis.get_yticklabels()]
-    assert labels[2] == "C3: 38.0 % in the paper, 15.4 % here" and len(labels) == 12
-    ends = [line.get_xdata() for line in axis.lines if len(line.get_xdata()) == 2]
-    assert (15.36, 38.03) in [tuple(one) for one in ends]
-    bar = [tuple(one) for one in ends if 47.25 in one]
-    assert bar == [pytest.approx((47.25, 53.54))]
     rows = {row[0].text: row for row in matrix(make_result(), "as deployed minus the equations")}
     assert rows["inputs held"][1].text.startswith("−1.4×10⁻²")
     assert rows["total"][2].text == "1.4×10⁻²"
@@ -189,13 +159,10 @@ def test_report_json_has_its_public_form(b3: float | None, verdict: str, tmp_pat
 GONE = object()
 BROKEN = (
     (("verdict",), "fail", "verdict must be 'pass'"), (("scenarios", 1), GONE, "scenarios must be"),
-    (("curves",), {}, "curves must hold"), (("checks",), GONE, "checks"),
+    (("curves",), {}, "curves must hold"),
     (("checks", 0, "value"), GONE, "checks[0].value is missing"),
     (("checks", 0, "value"), 5.0, "passed must follow from value and limit"),
-    (("checks", 0, "id"), "Z9", "check must be one of A1, "),
-    (("error_budgets", 0, "total"), "much", "error_budgets[0].total must be a valid number"),
-    (("runs",), [], "scenarios must be those of the runs"),
-    (("colour",), "red", "colour is not a known key"), (("schema",), 7, "schema 1"),
+    (("runs",), [], "scenarios must be those of the runs"), (("schema",), 7, "schema 1"),
 )  # fmt: skip
 
 

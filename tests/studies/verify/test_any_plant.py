@@ -37,7 +37,7 @@ STARTS = {
 
 def scenario_of(plant: Plant, **changes) -> afl.Scenario:
     given = STARTS.get(plant.name, {})
-    return afl.Scenario(name="short", plant=plant, **{"duration": 2.0, **given, **changes})
+    return afl.Scenario(name="short", plant=plant, **{"duration": 1.3, **given, **changes})
 
 
 def validated(plant: Plant, **changes) -> Result:
@@ -94,7 +94,7 @@ def test_a_wrong_sign_is_found_in_each_comparison_and_a_hair_at_random_points() 
 
 
 def test_without_equations_and_with_requirements_codes_are_compared_by_themselves() -> None:
-    result = validated(replace(PENDULA, terms=None))
+    result = validated(replace(PENDULA, terms=None), duration=0.3)
     ids = ["A1t", "A1c", "A3n", "A4f", "A6f", "B4f", "A10r"]
     assert [check.id for check in result.checks] == ids and result.failed_checks == []
     assert [one.simulator for one in result.runs] == list(REPORTED[1:])
@@ -102,7 +102,8 @@ def test_without_equations_and_with_requirements_codes_are_compared_by_themselve
     assert not unpacked(Result, *packed(result)).model_verified
     limits = afl.Requirements(max={"load_height": 0.1}, target={"z": 0.5})
     late = afl.Imperfections(delay=0.01)
-    result = validated(QUADROTOR, requirements=limits, imperfections=late)
+    asked = {"requirements": limits, "imperfections": late, "schedule": {}, "disturbances": ()}
+    result = validated(QUADROTOR, duration=0.5, **asked)
     assert result.failed_checks == [] and not result.passed
     assert result.rows[0].failure == "max.load_height"
     assert "1 of 1 runs fail: lqr on short" in report(result).headline
@@ -118,7 +119,7 @@ def test_the_order_of_a_loop_that_is_fast_is_seen_at_shorter_periods() -> None:
     stiff = PythonController(
         name="stiff", plant=fast, function=lambda t, x, b: -2.25e6 * x[0] - 1800.0 * x[1]
     )
-    scenario = scenario_of(fast, initial_state={"x": 1e-3}, duration=0.5)
+    scenario = scenario_of(fast, initial_state={"x": 1e-3}, duration=0.2)
     (check,) = [one for one in judge((scenario, stiff, Settings())).checks if one.id == "B4f"]
     assert check.passed and check.value > 0.0
 
@@ -131,28 +132,15 @@ def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path)
         prepare(Options(scenarios=("nominal", own), controllers=("lqr",)))
     with pytest.raises(InvalidValueError, match="is of the cart-pole; plant 'cart-double-pen"):
         prepare(Options(scenarios=(own,), controllers=("adaptive",)))
-    beside = f'plant = "{EXAMPLES}/quadrotor_load.py:plant"\n[[disturbances]]\nshape = "pulse"\n'
-    pulse = 'force = 1.0\nstart = 0.1\nduration = 0.1\ninput = "left"\n'
-    (tmp_path / "site.toml").write_text(beside + pulse)
-    with pytest.raises(InvalidValueError, match="must name a coordinate: this"):
-        prepare(Options(scenarios=(str(tmp_path / "site.toml"),)))
 
 
 @pytest.mark.slow
-def test_the_command_writes_what_it_can_read_of_late_requirements_too(tmp_path, command_line):
+def test_the_command_writes_a_report_and_a_page(tmp_path, command_line):
     text = f'plant = "{EXAMPLES}/double_pendulum.py:plant"\nduration = 1.0\n'
     (tmp_path / "own.toml").write_text(text + "initial_state = {shoulder = 3.3}\n")
     code, output, errors = command_line("validate", "own.toml", "--out", "out")
     assert (code, errors) == (0, "") and "PASS: CODES AGREE 11/11" in output
     assert {"report.html", "report.json"} <= {x.name for x in (tmp_path / "out").iterdir()}
-    asked = afl.Requirements(settling_time=0.4, recover_within=3.0)
-    scenario = scenario_of(
-        PENDULA,
-        duration=4.0,
-        requirements=asked,
-        disturbances=(afl.ForcePulse(force=1.0, start=0.5, duration=0.1),),
-    )
-    assert run(Request([scenario], [LQR], Settings())).failed_checks == []
 
 
 @pytest.mark.slow
