@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -154,11 +156,10 @@ def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name,
 
 
 @pytest.mark.parametrize("name", BASELINES)
-@pytest.mark.parametrize("together", [False, True])
-def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, together, monkeypatch):
+def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, monkeypatch):
+    """M and l pass every node at one time, or but for round-off."""
     scenario, controller = afl.SCENARIOS["trapezoid-trapezoid"], afl.CONTROLLERS[name]
-    if together:  # M and l pass every node at one time, or but for round-off
-        scenario = scenario.with_schedule(half_length=scenario.cart_mass)
+    scenario = replace(scenario.with_schedule(half_length=scenario.cart_mass), duration=9.0)
     ode = afl.simulate_ode(scenario, controller)
     exact = afl.simulate_mujoco(scenario, controller, "exact")
     assert np.abs(ode.state - exact.state).max() < 1e-11  # of a limit of 1e-9
@@ -172,7 +173,11 @@ HEAVY = afl.Scenario(name="heavy and long", schedule={
 }, initial_state=(0.0, 0.3, 0.0, 0.0))  # fmt: skip
 
 
-@pytest.mark.parametrize("scenario", [*afl.SCENARIOS.values(), HEAVY], ids=lambda s: s.name)
+@pytest.mark.parametrize(
+    "scenario",
+    [afl.SCENARIOS["step-step-impulse"], afl.SCENARIOS["trapezoid-trapezoid"], HEAVY],
+    ids=lambda s: s.name,
+)
 @pytest.mark.parametrize("name", BASELINES)
 def test_every_baseline_balances_from_the_paper_s_start_and_beyond_its_box(name, scenario):
     run = afl.simulate_mujoco(scenario, afl.CONTROLLERS[name], "sampled")

@@ -1,6 +1,5 @@
 import dataclasses
 import importlib
-import math
 import sys
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control import names
 from afl_mujoco.control.catalogue import digests
-from afl_mujoco.control.names import INFORMED, subject_of
+from afl_mujoco.control.names import INFORMED
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from tests.feedback import force_of
 from tests.messages import line
@@ -31,14 +30,12 @@ def test_the_catalogue_has_the_paper_s_gains_and_the_names_that_help_shows():
     np.testing.assert_array_equal(published.coefficients, list(TABLE_2.values()))
 
 
-@pytest.mark.parametrize("mass", [0.1, 0.7, 2.0], ids=str)
-@pytest.mark.parametrize("half_length", [0.05, 0.3, 1.0], ids=str)
-@pytest.mark.parametrize("name", NAMES)
-def test_the_gain_function_is_g1(name, mass, half_length):
-    w1, w2, w3, w4, w5 = TABLE_2[name]
-    expected = w1 + w2 * math.exp(w3 * math.log(mass)) + w4 * math.exp(w5 * math.log(half_length))
+@pytest.mark.parametrize(("mass", "half_length"), [(0.1, 1.0), (0.7, 0.3), (2.0, 0.05)])
+def test_the_gain_function_is_g1(mass, half_length):
     gains = afl.GainFunction.published().gains(mass, half_length)
-    assert getattr(gains, name) == pytest.approx(expected, rel=1e-12)  # rounding of a power
+    for name, (w1, w2, w3, w4, w5) in TABLE_2.items():
+        expected = w1 + w2 * mass**w3 + w4 * half_length**w5
+        assert getattr(gains, name) == pytest.approx(expected, rel=1e-12)  # rounding of a power
 
 
 @pytest.mark.parametrize("name", names.PAPER)
@@ -52,20 +49,15 @@ def test_a_nominal_belief_ignores_the_truth(name, odd_parameters):
     assert inputs[0, :4].tolist() == [1.0, 0.05, 0.5, 9.81]
 
 
-def test_a_gain_function_needs_five_finite_coefficients_and_stays_positive():
+def test_a_gain_function_needs_five_coefficients_and_stays_positive():
     rows = ((110, 0, 0, 0, 0), (1.0, -1.0, 1.0, 0, 0), (99, 0, 0, 0, 0))
     falling = afl.GainFunction(**dict(zip(NAMES, rows, strict=True)))
     controller = afl.AFLController(name="falling", gain_function=falling)
     said = line("slope of the gain function at M = 2 kg, l = 0.3 m must be positive, got -1")
     with pytest.raises(InvalidValueError, match=said):
         controller.inputs_for(np.array([[0.5, 0.05, 0.2, 9.81], [2.0, 0.05, 0.3, 9.81]]))
-    with pytest.raises(InvalidValueError, match=r"^slope must be positive, got -1.0$"):
-        falling.gains(2.0, 0.3)
-    good = {name: (1, 0, 0, 0, 0) for name in NAMES}
     with pytest.raises(InvalidValueError, match=r"^slope coefficients must be five, got 4$"):
-        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4)})
-    with pytest.raises(InvalidValueError, match=r"^slope coefficients must be finite, got nan$"):
-        afl.GainFunction(**{**good, "slope": (1, 2, 3, 4, math.nan)})
+        afl.GainFunction(**{**dict.fromkeys(NAMES, (1, 0, 0, 0, 0)), "slope": (1, 2, 3, 4)})
 
 
 def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twin():
@@ -83,30 +75,18 @@ def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twi
             afl.find_controller(name)
 
 
-@pytest.mark.parametrize(("names", "subject"), [
-    (("lqr", "adaptive", "own.LQI"), "own.LQI"), (("lqr", "fixed", "adaptive"), "adaptive"),
-    (("lqr", "adaptive-estimated"), "adaptive-estimated"), (("lqr", "fixed"), "fixed"),
-    (("lqr",), "lqr"),
-], ids=str)  # fmt: skip
-def test_findings_are_about_the_users_own_controller_else_the_papers(names, subject) -> None:
-    assert subject_of(names) == subject
-
-
 LAW = "def mine(time, state, belief):\n    return {gain} * state[1]\n"
 
 
 def test_a_digest_changes_with_any_value_or_file_and_nothing_else(tmp_path, monkeypatch) -> None:
     one = afl.Scenario(name="rig", initial_state=(0.0, 0.1, 0.0, 0.0))
     changes = (
-        {"duration": 9.0}, {"schedule": {"cart_mass": 2.0}},
+        {}, {"duration": 9.0}, {"schedule": {"cart_mass": 2.0}},
         {"imperfections": afl.Imperfections(delay=0.01)},
-        {"requirements": afl.Requirements(max={"z": 1.0})},
-        {"disturbances": (afl.Impulse(momentum=1.0, time=1.0),)},
     )  # fmt: skip
-    found = [digests([dataclasses.replace(one, **change)], []) for change in ({}, *changes)]
-    assert {name for digest in found for name in digest} == {"scenario rig"}
+    found = [digests([dataclasses.replace(one, **change)], []) for change in changes]
     assert len({digest["scenario rig"] for digest in found}) == len(found)
-    assert digests([dataclasses.replace(one)], []) == found[0]
+    assert digests([one], []) == found[0]
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.chdir(tmp_path)
     found = []

@@ -13,7 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.control import estimator
 from afl_mujoco.control.estimator import EstimatorSettings, fill_transition, linearise
 from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
-from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL, PlantRange
+from afl_mujoco.scenario.parameters import NOMINAL, PlantRange
 
 DT = 1e-3
 ODD = replace(NOMINAL, pole_mass=0.083, gravity=9.65)
@@ -151,8 +151,7 @@ EVERY_ODD = EstimatorSettings(
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("settings", [EstimatorSettings(), EVERY_ODD], ids=["usual", "odd"])
-@pytest.mark.parametrize("dt", [1e-3, 4e-3], ids=["1 ms", "4 ms"])
+@pytest.mark.parametrize(("settings", "dt"), [(EstimatorSettings(), 1e-3), (EVERY_ODD, 4e-3)])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
     known = ODD.pole_mass, ODD.gravity
     x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
@@ -206,8 +205,9 @@ def run_with_truth(mass, length, duration=0.6):
     return afl.simulate_ode_held(scenario, "adaptive", control_period=DT)
 
 
-@pytest.mark.parametrize("mass", [0.1, 0.6, 2.0], ids=str)
-@pytest.mark.parametrize("length", [0.05, 0.3, 1.0], ids=str)
+@pytest.mark.parametrize(
+    ("mass", "length"), [(0.1, 0.05), (0.1, 1.0), (0.6, 0.3), (2.0, 0.05), (2.0, 1.0)]
+)
 def test_without_noise_it_finds_any_plant_of_the_box(mass, length):
     run = run_with_truth(mass, length)
     settings = EstimatorSettings(position_noise=1e-6, angle_noise=1e-6)
@@ -224,19 +224,15 @@ def test_it_finds_both_again_after_a_step_and_alike_in_the_mirror(rng):
     out, _ = run_estimator(settings, measured, run.force[:-1])
     assert np.abs(np.log(out[290, :2] / [0.5, 0.2])).max() < 0.15
     assert np.abs(np.log(out[-1, :2] / [1.0, 0.5])).max() < 0.15
-    x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
-    states, forces = driven(rng, x, 500)
-    measured = states[:, :2] + rng.standard_normal((501, 2)) * [1e-4, 5e-4]
-    there, _ = run_estimator(EstimatorSettings(), measured, forces)
-    mirrored, _ = run_estimator(EstimatorSettings(), -measured, -forces)
-    np.testing.assert_array_equal(mirrored, there * [1, 1, -1, -1, 1])
+    mirrored, _ = run_estimator(settings, -measured, -run.force[:-1])
+    np.testing.assert_array_equal(mirrored, out * [1, 1, -1, -1, 1])
 
 
 def test_at_rest_nothing_moves_an_estimate_and_what_is_learned_is_kept(rng):
     out, memory = run_estimator(EstimatorSettings(), np.zeros((20_001, 2)), np.zeros(20_000))
     np.testing.assert_array_equal(out[:, :2], np.broadcast_to(out[0, :2], (20_001, 2)))
     assert all(np.isfinite(memory[name]).all() for name in ("state", "covariance"))
-    run = run_with_truth(0.6, 0.3, duration=15.0)
+    run = run_with_truth(0.6, 0.3, duration=12.0)
     measured = run.state[:, :2] + rng.standard_normal((len(run.time), 2)) * [1e-4, 5e-4]
     out, _ = run_estimator(EstimatorSettings(), measured, run.force[:-1])
     assert len(np.unique(out[10_000:, :2], axis=0)) == 1
@@ -244,10 +240,10 @@ def test_at_rest_nothing_moves_an_estimate_and_what_is_learned_is_kept(rng):
 
 
 def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
-    """1000 cases: any plant and start of the box, noise, period; sensors and forces that lie."""
+    """200 cases: any plant and start of the box, noise, period; sensors and forces that lie."""
     rng, (_, assumed) = np.random.default_rng(7), EstimatorSettings().on(NOMINAL)
     least, largest = np.array([assumed.cart_mass, assumed.half_length]).T
-    for _ in range(1000):
+    for _ in range(200):
         noise = 10 ** rng.uniform(-6, -2, 2)
         settings = EstimatorSettings(
             position_noise=noise[0], angle_noise=noise[1],
@@ -267,15 +263,6 @@ def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
         assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-9
 
 
-@pytest.mark.parametrize("name", ["adaptive", "adaptive-retuned"])
-@pytest.mark.parametrize("mass", [CART_MASSES[0], CART_MASSES[-1]])
-@pytest.mark.parametrize("length", [HALF_LENGTHS[0], HALF_LENGTHS[-1]])
-def test_the_gains_are_positive_for_every_estimate(name, mass, length):
-    start = replace(NOMINAL, cart_mass=mass, half_length=length)
-    _, assumed = EstimatorSettings().on(start)
-    afl.CONTROLLERS[name].inputs_for(assumed.grid(50))
-
-
 def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     _, usual = EstimatorSettings().on(NOMINAL)
     assert usual == PlantRange((0.08, 2.5), (0.04, 1.25), 0.05, 9.81)
@@ -284,8 +271,6 @@ def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
     assert assumed == PlantRange((0.08, 16.0), (0.04, 3.0), 0.2, 3.7)
     assert (record["pole_mass"], record["gravity"]) == (0.2, 3.7)
     np.testing.assert_allclose(np.exp(record["ln_highest"]), (16.0, 3.0))
-    light = replace(NOMINAL, cart_mass=0.1, half_length=0.05)
-    assert EstimatorSettings().on(light)[1][:2] == ((0.05, 2.5), (0.025, 1.25))
 
 
 def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():

@@ -39,15 +39,14 @@ def test_gains_along_ramps_are_those_of_the_parameters_of_each_instant() -> None
     assert min(pieces) == 1 < max(pieces)  # both constant and cut at nodes
 
 
-@pytest.mark.parametrize("simulate", [afl.simulate_ode, afl.simulate_ode_held], ids=["ode", "held"])
-def test_what_a_controller_raises_in_a_compiled_loop_is_raised(simulate) -> None:
+def test_what_a_controller_raises_in_a_compiled_loop_is_raised() -> None:
     def fails(time, state, belief):
         if time > 0.1:
             raise LookupError("no gains")
         return 0.0
 
     with pytest.raises(afl.AflMujocoError, match=r"raised LookupError at t = 0.1.* no gains"):
-        simulate("nominal", PythonController(name="fails", function=fails))
+        afl.simulate_ode("nominal", fails)
 
 
 def test_a_ctrl_c_in_a_compiled_loop_or_before_the_first_line_of_a_callback_ends_it() -> None:

@@ -7,14 +7,11 @@ import signal
 import sys
 import threading
 import time as clock
-import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from decimal import Decimal
-from fractions import Fraction
 from functools import lru_cache, partial, wraps
 
-import numba
 import numpy as np
 import pytest
 from numba import njit
@@ -90,35 +87,23 @@ def test_a_name_that_the_belief_lacks_is_answered_with_those_that_it_has():
         astray.command(0.0, np.zeros(4), ASSUMED)
 
 
-class Brief:
-    """What only `float` takes, as a number of a type that NumPy lacks."""
-
-    def __float__(self):
-        return 3.0
-
-
 class Tensor:
-    """What a library of gradients returns: NumPy cannot take it before it is detached."""
+    """What a library of gradients returns: neither NumPy nor `float` takes it undetached."""
 
-    def __init__(self, *values, graph=False):
-        self.values, self.graph = values, graph
-        self.shape = (len(values),) if len(values) > 1 else ()
+    shape = ()
+
+    def __init__(self, graph=True):
+        self.graph = graph
 
     def detach(self):
-        return Tensor(*self.values)
+        return Tensor(graph=False)
 
     def __array__(self, dtype=None, copy=None):
         raise TypeError("unsupported type BFloat16")
 
     def __float__(self):
-        if self.graph:
-            warnings.warn("converting a tensor with a gradient", UserWarning, stacklevel=2)
-        (value,) = self.values
-        return value
-
-
-class Leaving(BaseException):
-    pass
+        assert not self.graph
+        return 3.0
 
 
 class Mute(Exception):
@@ -129,20 +114,15 @@ class Mute(Exception):
 
 
 @pytest.mark.parametrize("value", [
-    3, np.float32(3.0), np.array(3.0), np.array([[3.0]]).view(np.matrix), [[3]], Decimal(3),
-    Fraction(3), [Decimal(3)], Tensor(3.0), Tensor(3.0, graph=True), [np.array([3.0])], Brief(),
+    3, np.float32(3.0), np.array([[3.0]]).view(np.matrix), [[3]], [Decimal(3)], Tensor(),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_one_number_in_any_shape_is_a_force(value):
     assert controller_of(lambda *_: value).command(0.0, STATE, ASSUMED) == 3.0
 
 
 @pytest.mark.parametrize(("value", "said"), [
-    (None, "None"), ("3", "'3'"), (True, "True"), (1j, "1j"),
-    ([1.0, 2.0], "[1.0, 2.0]"), (np.zeros((1, 2)), "an array of shape (1, 2) of float64"),
-    (b"3", "b'3'"), (np.True_, "np.True_"), (np.array(["3"]), "an array of shape (1,) of <U1"),
-    (np.datetime64(3, "s"), "np.datetime64('1970-01-01T00:00:03')"),
-    (Tensor(3.0, 4.0), "an array of shape (2,)"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
-    (Mute(), "<Mute without a text>"),
+    (None, "None"), ("3", "'3'"), (True, "True"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
+    (np.zeros((1, 2)), "an array of shape (1, 2) of float64"), (Mute(), "<Mute without a text>"),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_what_is_no_number_is_answered_in_one_line(value, said):
     expected = line(f"controller 'mine' must return one number at t = 0.5 s, got {said}")
@@ -150,24 +130,18 @@ def test_what_is_no_number_is_answered_in_one_line(value, said):
         controller_of(lambda *_: value).command(0.5, STATE, ASSUMED)
 
 
-@pytest.mark.parametrize("raised", [
-    ZeroDivisionError("x"), SystemExit("x"), GeneratorExit("x"), Leaving("x"), Mute(),
-], ids=lambda x: type(x).__name__)  # fmt: skip
-def test_whatever_a_controller_raises_is_answered_in_one_line(raised, module):
+@pytest.mark.parametrize("raised", [ZeroDivisionError("x"), SystemExit("x")], ids=repr)
+def test_whatever_a_controller_raises_is_answered_in_one_line(raised):
     def raising(time, state, belief):
         raise raised
 
-    name = type(raised).__name__
-    text = "<Mute without a text>" if name == "Mute" else "x"
-    expected = line(f"controller 'mine' raised {name} at t = 2 s: {text}")
+    said = type(raised).__name__
+    expected = line(f"controller 'mine' raised {said} at t = 2 s: x")
     with pytest.raises(ControllerError, match=expected):
         controller_of(raising).command(2.0, STATE, ASSUMED)
-    with pytest.raises(InvalidValueError, match=f"cannot be started: {name}: {text}"):
+    with pytest.raises(InvalidValueError, match=f"cannot be started: {said}: x"):
         controller_of(type("Mine", (), {"__init__": lambda _: raising(0, 0, 0), "__call__": paper}))
     assert math.isnan(controller_of(raising).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
-    module("leaving", "raise GeneratorExit('enough')\n")
-    with pytest.raises(InvalidValueError, match=r"cannot be imported: GeneratorExit: enough$"):
-        afl.find_controller("leaving:force")
 
 
 def forever(time, state, belief):
@@ -199,8 +173,6 @@ def test_a_controller_that_does_not_return_or_answers_late_is_stopped(function):
 class SlowAtFirst:
     """Takes long for its first call, as a function that is compiled then, or a network loaded."""
 
-    stateless = True
-
     def __init__(self, seconds=0.15):
         self.seconds = seconds
 
@@ -210,22 +182,13 @@ class SlowAtFirst:
         return -60.0 * state[1]
 
 
-FORGETFUL = type("Mine", (SlowAtFirst,), {"stateless": False})
-SLOW = {
-    "a stateless instance": SlowAtFirst, "a class, in each run": lambda: FORGETFUL,
-    "an instance, in each run": FORGETFUL,
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("given", "simulator"), [
-    *(("a stateless instance", simulator) for simulator in SIMULATORS),
-    *((given, "sampled") for given in SLOW),
-])  # fmt: skip
-def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, given, simulator):
-    own = controller_of(SLOW[given](), call_limit=0.1)
+@pytest.mark.parametrize("kind", ["a stateless instance", "an instance", "a class"])
+def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, kind):
+    forgetful = type("Mine", (SlowAtFirst,), {"stateless": kind == "a stateless instance"})
+    own = controller_of(forgetful if kind == "a class" else forgetful(), call_limit=0.1)
     short = replace(smooth_scenario, duration=0.02)
-    for _ in range(2):
-        assert SIMULATORS[simulator](short, own).outcome.kind == "completed"
+    for simulate in SIMULATORS.values() if forgetful.stateless else 2 * [SIMULATORS["sampled"]]:
+        assert simulate(short, own).outcome.kind == "completed"
 
 
 def test_a_limit_is_of_later_calls_and_a_first_one_that_hangs_is_not_awaited_again():
@@ -272,31 +235,23 @@ def test_every_command_that_runs_controllers_has_a_limit(command, capsys):
 
 
 def test_a_comparison_has_the_limit_as_an_argument(smooth_scenario):
-    def slow(time, state, belief):
-        return clock.sleep(0.15 if time > 0.0 else 0.0) or 0.0
-
-    short = replace(smooth_scenario, duration=0.005)
-    ends = [
-        afl.compare(short, slow, control_period=0.004, call_limit=limit).rows[0].ending
-        for limit in (0.05, None)
-    ]
-    said = "failed: must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
-    assert ends == [said, "completed"]
+    own, short = SlowAtFirst(0.15), replace(smooth_scenario, duration=0.005)
+    slow = lambda time, *of: own(time, *of) if time > 0.0 else 0.0  # noqa: E731
+    (row,) = afl.compare(short, slow, control_period=0.004, call_limit=0.05).rows
+    assert (
+        row.ending == "failed: must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
+    )
 
 
 def test_an_alarm_of_the_program_s_own_goes_on():
-    rang = []
-    before = signal.signal(signal.SIGALRM, lambda number, frame: rang.append(number))
+    before = signal.signal(signal.SIGALRM, lambda *_: None)
     try:
-        signal.setitimer(signal.ITIMER_REAL, 0.2)
-        controller = PythonController(name="quick", function=lambda time, state, belief: 1.0)
-        assert controller.command(0.0, np.zeros(4), ASSUMED) == 1.0
-        assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2
-        clock.sleep(0.3)
+        signal.setitimer(signal.ITIMER_REAL, 20.0)
+        assert controller_of(lambda *_: 1.0).command(0.0, np.zeros(4), ASSUMED) == 1.0
+        assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 20.0
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert rang == [signal.SIGALRM]
 
 
 def test_a_controller_that_is_slow_in_another_thread_is_reported_afterwards():
@@ -342,18 +297,16 @@ def test_a_controller_without_a_force_ends_the_run_as_diverged(smooth_scenario, 
     assert run.outcome.time == pytest.approx(0.3, abs=0.02) and np.isfinite(run.state).all()
 
 
-@pytest.mark.parametrize("lost", [0.3, 0.302], ids=["at a step", "within a step"])
-def test_a_run_without_a_force_has_one_for_every_state(smooth_scenario, lost):
-    own = controller_of(lambda time, *_: math.nan if time > lost + 1e-9 else 0.25)
+def test_a_run_without_a_force_within_a_step_has_one_for_every_state(smooth_scenario):
+    own = controller_of(lambda time, *_: math.nan if time > 0.302 else 0.25)
     run = afl.simulate_ode_rk4(smooth_scenario, own, timestep=4e-3)
     assert run.outcome.kind == "diverged" and len(run.force) == len(run.state) == len(run.time)
     np.testing.assert_array_equal(run.force, 0.25)
 
 
-@pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
-def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate, side):
-    scenario = replace(smooth_scenario, initial_state=(0.0, side * FALL_ANGLE, 0.0, 0.0))
+def test_a_pole_at_the_angle_of_a_fall_has_fallen(smooth_scenario, simulate):
+    scenario = replace(smooth_scenario, initial_state=(0.0, -FALL_ANGLE, 0.0, 0.0))
     for controller in (controller_of(lambda *_: 0.0), afl.CONTROLLERS["lqr"]):
         run = simulate(scenario, controller)
         assert str(run.outcome) == "fell at t = 0 s"
@@ -377,16 +330,13 @@ LOADED = {
     "no_such_module:f": ("x = 1", "must be in a module that is installed or in "),
     "m:needs": ("import nowhere_at_all", "needs a module: No module named 'nowhere_at_all'"),
     "m:syntax": ("def f(:", "cannot be imported: SyntaxError: "),
-    "m:raises": ("raise KeyError('k')", "cannot be imported: KeyError: 'k'"),
-    "m:exits": ("raise SystemExit(3)", "cannot be imported: SystemExit: 3"),
+    "m:leaves": ("raise GeneratorExit('k')", "cannot be imported: GeneratorExit: k"),
     "m:lacks": ("x = 1", "which has no 'lacks'"),
     "m:number": ("number = 1", "must be callable, got 1"),
-    "m:object": ("class C: pass\nobject = C()", "must be callable, got an object of class C"),
     "m:made": ("def made(): return 3.0", "must be callable, got 3.0"),
     "m:Needy": ("class Needy:\n def __init__(self, gain): pass", "cannot be started: TypeError"),
     "m:two": ("def two(t, x): return 0.0", "must take (time, state, belief): "),
-    **dict.fromkeys(("m:x y", "m:", "a-b:f", "m:x-estimated", "../m.py:f", "/m.py:f"),
-                    ("x = 1", NAMED)),
+    **dict.fromkeys(("m:", "m:x-estimated", "../m.py:f"), ("x = 1", NAMED)),
 }  # fmt: skip
 
 
@@ -399,7 +349,7 @@ def test_what_cannot_be_loaded_is_answered_in_one_line(spec, module):
         afl.find_controller(spec)
 
 
-@pytest.mark.parametrize("spec", ["m_file:f", "m_file.py:f", "./m_file.py:f", "sub/m_file.py:f"])
+@pytest.mark.parametrize("spec", ["m_file:f", "./m_file.py:f", "sub/m_file.py:f"])
 def test_a_file_names_the_module_that_it_is(spec, module, tmp_path):
     (tmp_path / "sub").mkdir()
     for place in ("m_file", "sub/m_file"):
@@ -415,36 +365,24 @@ def pd(state):
     return 1.05 * (3.3 * z + 6.5 * z_dot - 64.0 * phi - 29.0 * phi_dot)
 
 
-def remembering():
-    last = [0.0]
-
-    def force(time, state, belief):
-        last[0] = 0.9 * last[0] + 0.1 * pd(state)
-        return last[0]
-
-    return force
-
-
 ROUGH = {
     "in_float32": lambda time, state, belief: np.float32(pd(state.astype(np.float32))),
-    "rounded": lambda time, state, belief: round(pd(state), 2),
     "switching": lambda time, state, belief: math.copysign(10.0, pd(state)),
-    "remembering": remembering(),
 }
 
 
 @pytest.mark.parametrize("mode", ["ode", "exact"])
-@pytest.mark.parametrize("function", ROUGH.values(), ids=ROUGH)
-def test_a_force_that_is_not_smooth_is_refused_in_continuous_time(function, mode, monkeypatch):
+@pytest.mark.parametrize("kind", ROUGH)
+def test_a_force_that_is_not_smooth_is_refused_in_continuous_time(kind, mode, monkeypatch):
     most = controllers.MOST_EVALUATIONS
-    if function is not ROUGH["in_float32"]:  # of one kind all are awaited
+    if kind != "in_float32":  # of one kind all are awaited
         most //= 10
         monkeypatch.setattr(controllers, "MOST_EVALUATIONS", most)
     scenario = afl.Scenario(name="lean", initial_state=(0.0, -0.3, 0.0, 0.0), duration=1.0)
     said = "controller 'mine' must give a force that is a smooth function of time"
     said = line(said, ..., f"more than {most} evaluations for 0.02 s", ...)
     with pytest.raises(InvalidValueError, match=said):
-        SIMULATORS[mode](scenario, controller_of(function))
+        SIMULATORS[mode](scenario, controller_of(ROUGH[kind]))
 
 
 @pytest.mark.slow
@@ -476,9 +414,7 @@ class Resettable(Integrating):
 
 STATEFUL = {
     "class": Integrating, "factory": lambda: Integrating(), "instance with reset()": Resettable(),
-    "instance": Integrating(), "method": Integrating().__call__,
-    "partial of an instance": partial(Integrating()),
-    "partial of a method": partial(Integrating().__call__),
+    "method": Integrating().__call__, "partial": partial(Integrating().__call__),
 }  # fmt: skip
 
 
@@ -505,14 +441,13 @@ def test_memory_is_refused_where_it_is_undefined(smooth_scenario, given, simulat
         assert simulate in (SIMULATORS["sampled"], SIMULATORS["held"])
 
 
-@pytest.mark.parametrize("given", ["instance", "method", "partial of an instance"])
+@pytest.mark.parametrize("given", [lambda x: x, lambda x: x.__call__, partial])
 def test_an_instance_that_was_used_before_is_reset_in_each_run(smooth_scenario, given):
     used = Resettable()
     used.count = 40
-    mine = {"instance": used, "method": used.__call__, "partial of an instance": partial(used)}
     scenario = replace(smooth_scenario, duration=0.01)
-    run = afl.simulate_mujoco(scenario, mine[given], "sampled", control_period=0.005)
-    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0][: len(run.force[::5])] and used.count == 40
+    run = afl.simulate_mujoco(scenario, given(used), "sampled", control_period=0.005)
+    assert run.force.tolist()[::5] == [1.0, 2.0, 2.0] and used.count == 40
 
 
 class Locked(Integrating):
@@ -524,9 +459,8 @@ class Locked(Integrating):
 
 
 @pytest.mark.parametrize("given", [
-    Locked(), Locked().__call__, partial(Locked()), partial(Locked().__call__),
-    partial(lambda kept, time, state, belief: 0.0, Locked()),
-], ids=["instance", "method", "partial", "partial of a method", "its argument"])  # fmt: skip
+    Locked(), partial(Locked().__call__), partial(lambda kept, time, state, belief: 0.0, Locked()),
+], ids=["instance", "partial of a method", "its argument"])  # fmt: skip
 def test_what_cannot_be_copied_is_refused_and_not_shared(given):
     said = "controller 'mine' must be copied for each run, but cannot be: TypeErr"
     end = "give its class, or set stateless = True on it if it remembers nothing"
@@ -559,15 +493,9 @@ def summing(time, state, belief):
 
     def add(x):
         nonlocal total
+        total += x
 
-        def twice():
-            nonlocal total
-            total += x
-
-        twice()
-
-    for x in state:
-        add(x)
+    add(state[1])
     return total
 
 
@@ -606,8 +534,11 @@ COUNT = 0
 
 
 def counting(time, state, belief):
-    global COUNT
-    COUNT += 1
+    def more():
+        global COUNT
+        COUNT += 1
+
+    more()
     return float(COUNT)
 
 
@@ -622,28 +553,12 @@ def enclosing():
     return force
 
 
-def nested(time, state, belief):
-    def more():
-        global COUNT
-        COUNT += 1
-
-    more()
-    return 0.0
-
-
-def deleting(time, state, belief):
-    global COUNT
-    del COUNT
-
-
 def decorated(function):
     return wraps(function)(lambda *arguments: function(*arguments))
 
 
 WRITING = {
-    "global": (counting, "COUNT"), "nonlocal": (enclosing(), "last"), "nested": (nested, "COUNT"),
-    "deleted": (deleting, "COUNT"), "partial": (partial(enclosing()), "last"),
-    "decorated": (decorated(counting), "COUNT"), "cached": (lru_cache(counting), "COUNT"),
+    "nested": (counting, "COUNT"), "nonlocal": (enclosing(), "last"),
     "decorated twice, in a partial": (partial(decorated(lru_cache(counting))), "COUNT"),
     "of a class": (type("Mine", (), {"push": staticmethod(counting)}).push, "COUNT"),
 }  # fmt: skip
@@ -688,33 +603,12 @@ def test_what_is_loaded_by_name_is_as_new_in_a_worker(module, name, stateful, an
     assert name != "Mine" or twin.describe()["function"] == "loaded_mine.Mine"
 
 
-@numba.njit
+@njit
 def compiled(time, state, belief):
-    return (belief.cart_mass + belief.pole_mass) * (
-        3.3 * state[0] + 6.5 * state[2] - 64.0 * state[1]
-    )
+    return (belief.cart_mass + belief.pole_mass) * (3.3 * state[0] - 64.0 * state[1])
 
 
-@numba.njit
-def compiled_of_a_plant(time, state, belief):
-    return -belief.damping * state[1]
-
-
-@pytest.mark.parametrize("own", [compiled, partial(compiled)], ids=["function", "partial"])
-def test_a_function_that_numba_has_compiled_is_a_controller(own):
+def test_a_function_that_numba_has_compiled_is_a_controller():
     scenario = replace(afl.SCENARIOS["step-step"], duration=0.3)
-    run, reference = (afl.simulate_mujoco(scenario, x) for x in (own, compiled.py_func))
+    run, reference = (afl.simulate_mujoco(scenario, x) for x in (compiled, compiled.py_func))
     np.testing.assert_allclose(run.state, reference.state, rtol=1e-12, atol=1e-12)
-    text = """<mujoco><worldbody><body name="b"><joint name="a" axis="0 1 0" damping="1"/>
-        <geom size=".1"/></body></worldbody>
-        <actuator><motor name="f" joint="a"/></actuator></mujoco>"""
-    plant = afl.Plant(
-        name="x", model=text, coordinates=("a",), inputs=("f",),
-        parameters={"damping": afl.Parameter(0.5)}, write=lambda p: {"joint a damping": p.damping},
-    )  # fmt: skip
-    slow = afl.Scenario(name="s", plant=plant, duration=0.3, initial_state={"a_dot": 1.0})
-    found = [
-        afl.simulate_mujoco(slow, x).state
-        for x in (compiled_of_a_plant, lambda t, x, b: -0.5 * x[1])
-    ]
-    np.testing.assert_allclose(*found, rtol=1e-12)

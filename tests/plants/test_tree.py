@@ -1,18 +1,15 @@
 """The tree reference against SymPy's derivations, MuJoCo, and finite differences."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 import sympy as sp
 
 import afl_mujoco as afl
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.plants.plants import known
 
 SPATIAL = """<mujoco><compiler angle="radian"/><option gravity="0.3 -0.2 -9.7"/><worldbody>
 <body name="base" pos=".1 .2 .3" quat=".8 .2 -.4 .4">
@@ -47,9 +44,10 @@ def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
         engine, own = model.at(q, v, u), terms_of(tree, q, v)
         for its, mine in zip(engine[:3], own[:3], strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())
-    near = Tree(**made(SPATIAL).tree(np.empty(0)))
-    far = Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0)))
-    rng = np.random.default_rng(0)
+    near, far = (
+        tree,
+        Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0))),
+    )
     for _ in range(10):
         q, v = rng.uniform(-3, 3, 4), rng.uniform(-5, 5, 4)
         here, there = terms_of(near, q, v), terms_of(far, q, v)
@@ -139,19 +137,6 @@ def cart_double_pendulum():
     return derived(kinetic + spin / 2, potential, q, [f - z.diff(T) / 10, 0, 0], [f]), q, [f], p
 
 
-def quadrotor_load():
-    x, z, pitch, a = q = dynamic("x z pitch a")
-    left, right, *p = sp.symbols("left right mass inertia load length gravity")
-    m, i, ml, r, g = p
-    at = (x + r * sp.sin(a), z - r * sp.cos(a))
-    kinetic = m * (x.diff(T) ** 2 + z.diff(T) ** 2) / 2 + i * pitch.diff(T) ** 2 / 2
-    kinetic += ml * sum(c.diff(T) ** 2 for c in at) / 2
-    kinetic += sp.Rational(2, 5) * ml * sp.Rational(36, 10**4) * a.diff(T) ** 2 / 2
-    thrust, torque = left + right, (right - left) / 5
-    work = [-sp.sin(pitch) * thrust, sp.cos(pitch) * thrust, torque, 0]
-    return derived(kinetic, m * g * z + ml * g * at[1], q, work, [left, right]), q, [left, right], p
-
-
 def furuta():
     arm, pole = q = dynamic("arm pole")
     u, *p = sp.symbols("u pole_mass pole_length")
@@ -174,38 +159,27 @@ FURUTA = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <actuator><motor name="u" joint="arm"/></actuator></mujoco>"""
 
 
-def furuta_plant(**equations) -> Plant:
-    return Plant(
-        name="furuta",
-        model=FURUTA,
-        coordinates=("arm", "pole"),
-        inputs=("u",),
-        parameters={
-            "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
-            "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
-        },
-        write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
-        **equations,
-    )
-
-
+FURUTA_PLANT = Plant(
+    name="furuta", model=FURUTA, coordinates=("arm", "pole"), inputs=("u",),
+    parameters={"pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
+                "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5)},
+    write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
+)  # fmt: skip
 DERIVED = {
-    "cart-double-pendulum": (
-        cart_double_pendulum, lambda: load_plant("cart_double_pendulum.py:plant", EXAMPLES)),
-    "quadrotor-load": (quadrotor_load, lambda: load_plant("quadrotor_load.py:plant", EXAMPLES)),
-    "furuta": (furuta, furuta_plant),
-}  # fmt: skip
+    "cart-double-pendulum": (cart_double_pendulum, known("cart_double_pendulum.py:plant")),
+    "furuta": (furuta, FURUTA_PLANT),
+}
 
 
 @pytest.mark.parametrize("name", DERIVED)
 def test_the_tree_is_what_sympy_derives_from_the_lagrangian(name: str) -> None:
-    derivation, plant_of = DERIVED[name]
-    ((mass, forcing, v), q, u, p), plant = derivation(), plant_of()
+    derivation, plant = DERIVED[name]
+    (mass, forcing, v), q, u, p = derivation()
     terms = afl.from_sympy(mass, forcing, q, v, u, p)
     model, rng = PlantModel(plant, compared=True), np.random.default_rng(2)
     n, k = len(q), len(u)
     low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
-    for _ in range(50):
+    for _ in range(20):
         at, rate, values = rng.uniform(-3, 3, n), rng.uniform(-5, 5, n), rng.uniform(low, high)
         own = terms_of(Tree(**model.tree(model.rows(values)[0])), at, rate)
         given = zip(terms(at, rate, plant.named(values)), ((n, n), (n,), (n, k)), strict=True)

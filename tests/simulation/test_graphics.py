@@ -36,9 +36,8 @@ def test_what_the_user_set_is_respected(installed, monkeypatch):
 
 
 @pytest.mark.parametrize(("libraries", "backend"), [
-    (("EGL", "GL", "OSMesa"), "egl"), (("EGL", "OpenGL"), "egl"),
+    (("EGL", "GL", "OSMesa"), "egl"), ((), "disable"),
     (("EGL", "OSMesa"), "osmesa"),  # with EGL alone MuJoCo cannot be imported
-    (("EGL",), "disable"), (("OSMesa",), "osmesa"), ((), "disable"),
 ], ids=str)  # fmt: skip
 def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, installed):
     installed(*libraries)
@@ -47,14 +46,10 @@ def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, insta
     assert os.environ["PYOPENGL_PLATFORM"] == platform  # MuJoCo refuses to draw with another
 
 
-@pytest.mark.parametrize(("backend", "said"), [
-    ("glx", r"MUJOCO_GL must be one of egl, osmesa, glfw, disable, .*, got glx\n\Z"),
-    pytest.param("osmesa", "MUJOCO_GL=osmesa must be able to draw; install Debian's", marks=(
-        pytest.mark.skipif(bool(ctypes.util.find_library("OSMesa")), reason="it is installed"))),
-])  # fmt: skip
-def test_a_backend_that_is_not_known_or_not_installed_is_one_line(tmp_path, backend, said):
-    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL=backend)
+def test_a_backend_that_is_not_known_is_one_line(tmp_path):
+    result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="glx")
     assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
+    said = r"MUJOCO_GL must be one of egl, osmesa, glfw, disable, .*, got glx\n\Z"
     assert re.search(said, result.stderr)
 
 
@@ -74,8 +69,7 @@ def test_a_film_is_drawn_whatever_platform_pyopengl_is_told(graphics, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-@pytest.mark.parametrize("backend", ["egl", "disable"])
-def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_path, backend):
+def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_path):
     """Mesa's LLVM would take the place of its own. Any library stands for it here."""
     (folder := tmp_path / "triton" / "_C").mkdir(parents=True)
     (tmp_path / "triton" / "__init__.py").write_text("raise SystemExit('imported')")
@@ -84,7 +78,7 @@ def test_pytorch_s_compiler_is_loaded_before_mesa_s_where_it_is_installed(tmp_pa
         "from afl_mujoco.graphics import choose_backend; choose_backend(); "
         "print(open('/proc/self/maps').read().count('libtriton') > 0)"
     )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "MUJOCO_GL": backend}
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "MUJOCO_GL": "egl"}
     command = [sys.executable, "-c", program]
     ended = subprocess.run(command, env=environment, capture_output=True, text=True)
-    assert ended.stdout.split() == [str(backend != "disable")], ended.stderr
+    assert ended.stdout.split() == ["True"], ended.stderr

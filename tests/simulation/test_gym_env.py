@@ -26,7 +26,6 @@ from afl_mujoco.simulation.gym_env.environment import (
 )
 from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 from afl_mujoco.simulation.task import controller_policy
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
 from tests.plants.plants import EXAMPLES, known
 
 ROOT = Path(__file__).parents[2]
@@ -36,6 +35,7 @@ IDS = [
     "afl_mujoco/CartPole-Random-v0",
 ]
 SI = {"scaled": False}
+COUNT = "print(sum(name.startswith('afl_mujoco/') for name in gymnasium.registry))"
 
 
 def program(*lines: str) -> tuple[str, str]:
@@ -44,7 +44,7 @@ def program(*lines: str) -> tuple[str, str]:
     return run.stdout, run.stderr
 
 
-@pytest.mark.parametrize("name", IDS[::6])
+@pytest.mark.parametrize("name", [IDS[0], IDS[-1]])
 def test_gymnasium_s_checker_finds_nothing_to_warn_of(name: str) -> None:
     check_env(gymnasium.make(name).unwrapped, skip_render_check=True)
 
@@ -78,28 +78,16 @@ def test_importing_the_package_registers_whatever_is_imported_first() -> None:
     loaded = program("import afl_mujoco, gymnasium, sys", "print(*sys.modules)")[0].split()
     assert "afl_mujoco.scenario.catalogue" in loaded
     assert {"mujoco", "numba", "dm_control"}.isdisjoint(loaded)
-    made = "print(gymnasium.make('afl_mujoco/CartPole-step-step-v0').spec.id)"
-    said = program("import gymnasium, afl_mujoco", made)
-    assert said == ("afl_mujoco/CartPole-step-step-v0\n", "")
-
-
-def test_asking_where_gymnasium_is_does_not_keep_it_from_being_registered_with() -> None:
-    said = program(
-        "import afl_mujoco, importlib.util, sys",
-        "importlib.util.find_spec('gymnasium'); assert 'gymnasium' not in sys.modules",
-        "import gymnasium, importlib.resources",
-        "assert importlib.resources.files(gymnasium).joinpath('py.typed').is_file()",
-        "print(len([name for name in gymnasium.registry if name.startswith('afl_mujoco/')]))",
-    )
-    assert said == ("20\n", "")
+    assert program("import gymnasium, afl_mujoco", COUNT) == ("20\n", "")
+    asked = "import afl_mujoco, importlib.util; importlib.util.find_spec('gymnasium')"
+    assert program(asked, "import gymnasium", COUNT) == ("20\n", "")
 
 
 PUSH = afl.ForcePulse(force=-10.0, start=1.5, duration=0.1)
 
 
-@pytest.mark.parametrize("name", ["step-step", "trapezoid-trapezoid"])
-def test_an_episode_has_the_bits_of_the_dm_control_environment(name, rng) -> None:
-    scenario = replace(afl.SCENARIOS[name], disturbances=(PUSH,))
+def test_an_episode_has_the_bits_of_the_dm_control_environment(rng) -> None:
+    scenario = replace(afl.SCENARIOS["trapezoid-trapezoid"], disturbances=(PUSH,))
     environment = CartPoleEnv(scenario, control_period=0.01, **SI)
     twin = afl.load(scenario, control_period=0.01, force_limit=FORCE_LIMIT)
     (seen, _), step = environment.reset(), twin.reset()
@@ -116,23 +104,19 @@ def test_an_episode_has_the_bits_of_the_dm_control_environment(name, rng) -> Non
     assert max(rewards) > 0.9  # the pole came up: there was something to compare
 
 
-def test_a_fall_terminates_and_the_horizon_truncates() -> None:
-    def ends(steps, **changes):
-        environment = CartPoleEnv(replace(afl.SCENARIOS["nominal"], **changes))
+def test_a_fall_terminates_also_at_the_horizon_which_else_truncates() -> None:
+    def ends(**changes):
+        environment, found = CartPoleEnv(replace(afl.SCENARIOS["nominal"], **changes)), []
         environment.reset()
-        return [environment.step(np.zeros(1))[2:4] for _ in range(steps)]
+        while not found or not any(found[-1]):
+            _, _, *ended, info = environment.step(np.zeros(1))
+            found.append(tuple(ended))
+        return found, round(info["time"], 3)
 
-    environment = CartPoleEnv("nominal", **SI)
-    environment.reset()
-    terminated = truncated = False
-    while not terminated:
-        seen, _, terminated, truncated, info = environment.step(np.zeros(1))
-    assert abs(seen[1]) >= FALL_ANGLE
-    assert not truncated
-    assert info["time"] < 1.0
-    until = round(info["time"], 3)  # a fall at the horizon is a fall
-    assert ends(round(until / 0.02), duration=until)[-2:] == [(False, False), (True, False)]
-    calm = ends(25, initial_state=(0, 0, 0, 0), duration=0.5)
+    fell, until = ends()
+    assert fell[-1] == (True, False) and until < 1.0
+    assert ends(duration=until)[0][-2:] == [(False, False), (True, False)]
+    calm, _ = ends(initial_state=(0, 0, 0, 0), duration=0.5)
     assert calm == [(False, False)] * 24 + [(False, True)]
 
 
@@ -151,18 +135,6 @@ DIVERGES = {
 }  # fmt: skip
 
 
-def test_a_state_that_diverges_is_observed_within_the_space() -> None:
-    environment = CartPoleEnv(**DIVERGES, **SI)
-    environment.reset()
-    terminated = False
-    while not terminated:
-        seen, reward, terminated, truncated, _ = environment.step([1.0])
-    assert environment.dm_environment.physics.diverged()
-    assert seen in environment.observation_space
-    assert np.abs(seen).max() == STATE_LIMIT
-    assert (reward, truncated) == (0.0, False)
-
-
 def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
     environment = CartPoleEnv()
     for _ in range(2):
@@ -171,7 +143,6 @@ def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
         environment.reset()
         while not environment.step([0.0])[2]:
             pass
-    environment.close()
     environment.close()
     with pytest.raises(gymnasium.error.ClosedEnvironmentError, match=r"^a closed environment"):
         environment.reset()
@@ -199,17 +170,13 @@ def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, 
 
 
 def test_scaled_observations_are_shares_of_powers_of_two() -> None:
-    plain = CartPoleEnv("laboratory", randomize=True, **SI)
-    scaled = CartPoleEnv("laboratory", randomize=True)
-    assert scaled.scale.tolist() == [4.0, 2.0, 8.0, 8.0, 2.0, 1.0]
-    (one, _), (other, _) = plain.reset(seed=4), scaled.reset(seed=4)
+    plain, scaled = CartPoleEnv(**SI), CartPoleEnv()
+    assert scaled.scale.tolist() == [4.0, 2.0, 8.0, 8.0, 1.0, 0.5]
+    (one, _), (other, _) = plain.reset(), scaled.reset()
     for _ in range(20):
         np.testing.assert_array_equal(one, other * scaled.scale)
-        assert np.abs(other).max() < 2.0
         assert other in scaled.observation_space
-        (one, _, fallen, *_), (other, *_) = plain.step([0.05]), scaled.step([0.05])
-        if fallen:
-            plain.reset(), scaled.reset()
+        (one, *_), (other, *_) = plain.step([0.05]), scaled.step([0.05])
     heavy = afl.SCENARIOS["nominal"].with_schedule(cart_mass=9.0)
     assert CartPoleEnv(heavy).scale.tolist() == [4.0, 2.0, 8.0, 8.0, 16.0, 0.5]
 
@@ -224,18 +191,14 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     assert scenario.imperfections.at("dry_friction.z") > 0.0
     ours = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0", scaled=False)
     seen, _ = ours.reset(seed=1)
-    drawn = ours.unwrapped.scenario
     task_seed = int(np_random(1)[0].integers(2**32))
     twin = afl.load("step-step", randomize=True, random=task_seed, control_period=CONTROL_PERIOD)
     np.testing.assert_array_equal(seen[:2], twin.reset().observation["position"])
-    assert drawn.cart_mass == afl.SCENARIOS["step-step"].cart_mass
-    assert drawn.initial_state != afl.SCENARIOS["step-step"].initial_state
 
 
 HIT = afl.Impulse(momentum=0.2, time=0.0)
 VECTORS = {
     "random": {"scenario": "laboratory", "randomize": True},
-    "impulse": {"scenario": "step-step-impulse"},
     "short": {
         "scenario": replace(
             afl.SCENARIOS["trapezoid-step"], duration=0.3, disturbances=(HIT,),
@@ -268,6 +231,7 @@ def stepped(ours, theirs, count: int, actions) -> int:
         ends += int(np.sum(other[2:4])) if len(other) > 2 else 0
         chosen = actions()
         other = theirs.step(chosen)
+        assert other[0] in theirs.observation_space
         every = [one.step(chosen) for one in ours]
     for one in ours:
         one.close()
@@ -286,22 +250,27 @@ def test_the_vector_environment_has_the_bits_of_gymnasium_s(settings, rng) -> No
 VECTORISED = {"vectorization_mode": "vector_entry_point"}
 
 
-def test_the_vector_environment_is_what_gymnasium_makes() -> None:
+def test_the_vector_environment_is_what_gymnasium_makes_and_refuses_what_makes_no_sense() -> None:
     made = gymnasium.make_vec("afl_mujoco/CartPole-Random-v0", num_envs=3, **VECTORISED)
     assert isinstance(made.unwrapped, CartPoleVectorEnv)
     with pytest.raises(gymnasium.error.ResetNeeded):
         made.step(np.zeros((3, 1)))
     seen, _ = made.reset(seed=[1, 2, 1])
     np.testing.assert_array_equal(seen[0], seen[2])
-    with pytest.raises(InvalidValueError, match="actions must be finite"):
-        made.step(np.full((3, 1), math.nan))
-    with pytest.raises(InvalidValueError, match="seed must be 3, got 2"):
-        made.reset(seed=[1, 2])
-    with pytest.raises(InvalidValueError, match="num_envs must be at least 1, got 0"):
-        CartPoleVectorEnv(0)
-    with pytest.raises(InvalidValueError, match="render_mode must be None"):
-        CartPoleVectorEnv(1, render_mode="rgb_array")
+    for refused, message in (
+        (lambda: made.step(np.full((3, 1), math.nan)), "actions must be finite"),
+        (lambda: made.step(np.zeros(3)), r"actions must have shape \(3, 1\), got \(3,\)"),
+        (lambda: made.reset(seed=[1, 2]), "seed must be 3, got 2"),
+        (lambda: made.reset(options={"phi": 0}), "options of reset must be empty"),
+        (lambda: CartPoleVectorEnv(0), "num_envs must be at least 1, got 0"),
+        (lambda: CartPoleVectorEnv(2, threads=0), "threads must be at least 1, got 0"),
+        (lambda: CartPoleVectorEnv(1, render_mode="rgb_array"), "render_mode must be None"),
+    ):
+        with pytest.raises(InvalidValueError, match=message):
+            refused()
     made.close()
+    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+        made.reset()
 
 
 SLOPES = np.array([-0.3, 2.0, -0.5, 1.0, 0.01, 0.01])
@@ -311,22 +280,15 @@ def share_of(seen):
     return np.array([np.tanh(-SLOPES[: len(seen)] @ np.asarray(seen, dtype=float))])
 
 
-def normalised(environment):
-    found = gymnasium.wrappers.NormalizeObservation(environment)
-    for seed in range(2):
-        found.reset(seed=seed)
-        found.step(np.zeros(1))
-    found.update_running_mean = False
-    return found
-
-
 def wrapped(name):
     w, env = gymnasium.wrappers, CartPoleEnv("trapezoid-step")
     scaled = gymnasium.spaces.Box(-np.inf, np.inf, (6,))
     if name == "action":
         return w.RescaleAction(env, np.array([-64.0]), np.array([64.0])), lambda o: 64 * share_of(o)
     if name == "statistics":
-        env = normalised(env)
+        env = w.NormalizeObservation(env)
+        env.reset(), env.step(np.zeros(1))
+        env.update_running_mean = False
         return env, lambda o: share_of(o * np.sqrt(env.obs_rms.var) + env.obs_rms.mean)
     if name == "order":  # of observations from the inside out, of actions from the outside in
         env = w.TransformObservation(env, lambda o: o + 0.01, scaled)
@@ -341,10 +303,7 @@ def wrapped(name):
 def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_with(name) -> None:
     environment, predict = wrapped(name)
     policy = policy_controller(predict, environment)
-    answer = predict
-    if name == "predict":
-        answer = lambda seen: predict(seen, deterministic=True)[0]  # noqa: E731
-    assert acts_alike(policy, environment, answer) > 20
+    assert acts_alike(policy, environment, share_of if name == "predict" else predict) > 20
 
 
 def acts_alike(policy, environment, predict) -> int:
@@ -366,11 +325,10 @@ def acts_alike(policy, environment, predict) -> int:
      "environment must change observations or actions one by one"),
     (lambda w, e: w.TimeAwareObservation(w.TimeLimit(e, 10)), "wrapper TimeAwareObservation of "
      "the environment must depend on the present observation or action alone"),
-    (lambda w, e: w.StickyAction(e, 0.1), "wrapper StickyAction of the environment must"),
     (lambda w, e: w.NormalizeObservation(e), "wrapper NormalizeObservation of the environment "
      "must be frozen: set update_running_mean = False"),
     (lambda w, e: CartPoleVectorEnv(2), "environment of a policy must be a ScenarioEnv or "),
-], ids=["frames", "time", "sticky", "learning", "vector"])  # fmt: skip
+], ids=["frames", "time", "learning", "vector"])  # fmt: skip
 def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, message: str) -> None:
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match=message):
@@ -381,20 +339,6 @@ def test_a_policy_with_memory_is_refused() -> None:
     policy = policy_controller(lambda seen: (np.zeros(1), (1.0,)), CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match="must not return a state: a recurrent policy"):
         policy(0.0, np.zeros(4), afl.CartPoleParameters())
-
-
-def test_what_is_asked_of_many_environments_has_to_make_sense() -> None:
-    many = CartPoleVectorEnv(2)
-    with pytest.raises(InvalidValueError, match="options of reset must be empty"):
-        many.reset(options={"initial_state": (3, 0, 0, 0)})
-    many.reset()
-    with pytest.raises(InvalidValueError, match=r"actions must have shape \(2, 1\), got \(2,\)"):
-        many.step(np.zeros(2))
-    many.close()
-    with pytest.raises(gymnasium.error.ClosedEnvironmentError):
-        many.reset()
-    with pytest.raises(InvalidValueError, match="threads must be at least 1, got 0"):
-        CartPoleVectorEnv(2, threads=0)
 
 
 def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:

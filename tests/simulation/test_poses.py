@@ -1,7 +1,6 @@
 """What a page replays: the poses of MuJoCo, seen across the plane in which a plant moves."""
 
 import base64
-import json
 from pathlib import Path
 
 import mujoco
@@ -112,26 +111,12 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
 
 
 def test_a_long_run_has_fewer_frames_and_one_that_diverged_those_until_then() -> None:
-    scenario = afl.Scenario(name="long", duration=3000.0)
-    time = np.linspace(0.0, 3000.0, 900)
-    runs = {name: moving(time, np.sin(time), 0.1 * np.sin(time)) for name in ("lqr", "fixed")}
-    data = replay_data(scenario, runs, {})
-    assert 1.0 < data["fps"] < 8.0 and 2 * data["runs"][0]["frames"] * 9 * 2 <= 1.01 * MOST_NUMBERS
-    assert len(json.dumps(data)) < 3_000_000
+    scenario = afl.Scenario(name="long", duration=6000.0)
+    time = np.linspace(0.0, 6000.0, 900)
+    data = replay_data(scenario, {"lqr": moving(time, np.sin(time), 0.1 * np.sin(time))}, {})
+    assert 1.0 < data["fps"] < 8.0 and data["runs"][0]["frames"] * 9 * 2 <= 1.01 * MOST_NUMBERS
     time = np.linspace(0.0, 1.0, 40)
     state = moving(time, 10.0 ** (8.0 * time), time)[1]
     state[-1] = np.nan
     data = replay_data(afl.Scenario(name="off", duration=2.0), {"lqr": (time, state)}, {})
     assert np.isfinite(decode(data["runs"][0]["aims"])).all() and np.isfinite(data["view"]).all()
-
-
-def test_a_plant_that_draws_nothing_has_a_replay_around_its_centres_of_mass() -> None:
-    bare = (
-        '<mujoco><worldbody><body><joint name="x" type="slide"/>'
-        '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>'
-    )
-    plant = afl.Plant(name="bare", model=bare, coordinates=("x",))
-    scenario = afl.Scenario(name="bare", plant=plant, duration=1.0)
-    time = np.linspace(0.0, 1.0, 50)
-    data = replay_data(scenario, {"none": moving(time, time)}, {})
-    assert data["shapes"] == [] and min(data["view"]) > 0.0

@@ -26,11 +26,10 @@ def _short(name: str, duration: float, **changes) -> afl.Scenario:
     return replace(afl.SCENARIOS[name], **({"disturbances": ()} | changes), duration=duration)
 
 
-PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
 CASES = {
     "jumps": _short("step-step", 1.2), "ramps": _short("trapezoid-trapezoid", 2.2),
-    "pulse": _short("step-trapezoid", 0.8, disturbances=(PULSE,)),
-    "impulses": _short("step-step", 1.4, disturbances=(
+    "pulse and impulses": _short("step-step", 1.4, disturbances=(
+        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
         afl.Impulse(momentum=0.4, time=0.0),
         afl.Impulse(momentum=-1.0, time=1.0),  # together with a jump of M and l
         afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
@@ -51,8 +50,7 @@ ROUGH = afl.Imperfections(
 AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_period=0.01))
 
 
-@pytest.mark.parametrize("hold", [1, 10])
-@pytest.mark.parametrize("name", ["adaptive", "lqr", "partial-linearization"])
+@pytest.mark.parametrize(("name", "hold"), [("adaptive", 10), ("lqr", 1)])
 def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
     """What the agent sees is measured, so the true states are compared."""
     start = (0.0, 0.3, 0.0, 0.0)
@@ -81,14 +79,6 @@ def test_each_episode_can_be_another_sample_of_the_scenarios_ranges():
         assert scenario == sample_scenario(SampleSpace(LABORATORY), index, 0)
         plant = scenario.parameters_at(0.0)
         assert step.observation["parameters"].tolist() == [plant.cart_mass, plant.half_length]
-        fresh = afl.load(scenario, control_period=0.02)
-        other = fresh.reset()
-        for _ in range(10):
-            one, twin = (x.observation["position"] for x in (step, other))
-            np.testing.assert_array_equal(one, twin)
-            if step.last():
-                break
-            step, other = environment.step([5.0]), fresh.step([5.0])
     assert len(set(names)) == 4
     again = afl.load("laboratory", randomize=True, random=3, control_period=0.02)
     again.reset()
@@ -115,9 +105,7 @@ def test_an_agent_repeats_the_sampled_rollout_bit_for_bit(case, name, hold, by):
 
 def test_a_controller_in_python_gets_the_time():
     controller = PythonController(name="clock", function=lambda t, x, p: 5.0 * np.sin(20.0 * t))
-    impulses = (afl.Impulse(momentum=0.1, time=0.0), afl.Impulse(momentum=-0.1, time=0.1234))
-    start = (0.0, 0.1, 0.0, 0.0)
-    scenario = _short("step-step", 0.3, initial_state=start, disturbances=impulses)
+    scenario = _short("step-step", 0.3, initial_state=(0.0, 0.1, 0.0, 0.0))
     settings = {"timestep": TIMESTEP, "control_period": 10 * TIMESTEP}
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
@@ -135,9 +123,6 @@ def test_what_would_tear_model_and_scenario_apart_is_refused():
             duplicate(physics)
     with pytest.raises(InvalidValueError, match=r"^model cannot be replaced"):
         physics.reload_from_xml_string("<mujoco/>")
-    with pytest.raises(InvalidValueError, match=r"^control must be below 1e.06 N, got nan N"):
-        physics.set_control([math.nan])
-        physics.step()
 
 
 def played(environment, force):
@@ -161,7 +146,7 @@ def test_an_episode_ends_where_the_pole_falls_or_the_state_diverges_with_discoun
     np.testing.assert_array_equal(environment.physics.get_state(), before)
 
 
-@pytest.mark.parametrize("period", [0.001, 0.007, 0.01, 0.1, 0.3])
+@pytest.mark.parametrize("period", [0.001, 0.007, 0.3])
 def test_an_episode_lasts_the_duration_rounded_up_to_whole_periods(period):
     scenario = _short("nominal", 0.3, initial_state=(0, 0, 0, 0))
     environment = afl.load(scenario, control_period=period)
@@ -179,7 +164,7 @@ def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
     assert (spec.shape, spec.dtype) == ((1,), np.float64)
 
 
-@pytest.mark.parametrize("action", [[math.nan], [math.inf], [1.0, 2.0], 1.0], ids=str)
+@pytest.mark.parametrize("action", [[math.nan], [1.0, 2.0]], ids=str)
 def test_an_action_that_is_no_force_is_refused(action):
     environment = afl.load()
     environment.reset()
@@ -187,15 +172,11 @@ def test_an_action_that_is_no_force_is_refused(action):
         environment.step(action)
 
 
-def test_the_reward_is_smooth_within_0_and_1_and_best_at_rest_upright():
+def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
     axes = (np.linspace(-most, most, 41) for most in (10, 2, 1e3))
     values = reward(*np.meshgrid(*axes))
     assert values.min() > 0.0 and values.max() == reward(0.0, 0.0, 0.0) == 1.0
     assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
-    near, still = np.linspace(-1e-3, 1e-3, 201), np.zeros(201)
-    slope = np.diff(reward(still, near, still)) / 1e-5
-    curvature = 2.0 * 9.0 / (math.pi / 3) ** 2  # of 1 / (1 + 9 (phi / margin)^2) at 0
-    assert np.abs(np.diff(slope)).max() < 1.01 * curvature * 1e-5  # no corner at the goal
     assert reward(0.0, math.pi / 3, 0.0) == pytest.approx(0.1)
     assert reward(2.0, 0.0, 0.0) == pytest.approx(0.55)
     assert reward(0.0, 0.0, 100.0) == pytest.approx(0.82)
@@ -252,12 +233,11 @@ def _pole_pixels(picture: np.ndarray) -> np.ndarray:
     return np.argwhere(red - blue > 60)  # cart, track and sky are bluish or grey
 
 
-@pytest.mark.parametrize("half_length", [0.2, 0.5, 1.0])
-def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, half_length):
+def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics):
     extents = []
     for z in (0.0, 7.0):
         leaning = replace(CALM, initial_state=(z, -math.pi / 3, 0.0, 0.0))
-        physics = afl.load(leaning.with_schedule(half_length=half_length)).physics
+        physics = afl.load(leaning.with_schedule(half_length=1.0)).physics
         seen = _pole_pixels(physics.render(240, 320, camera_id="side"))
         assert seen.min() > 0 and (seen.max(axis=0) < (239, 319)).all()
         extents.append(np.ptp(seen, axis=0))
@@ -266,12 +246,11 @@ def test_the_side_camera_shows_the_whole_pole_wherever_the_cart_is(graphics, hal
 
 def test_pictures_show_the_length_of_their_instant(graphics):
     growing = CALM.with_schedule(half_length=afl.staircase((0.5,), (0.3, 0.9)))
-    scenario = replace(growing, initial_state=(0, 0, 0, 0))
-    environment = afl.load(scenario, control_period=0.1)
+    environment = afl.load(replace(growing, initial_state=(0, 0, 0, 0)), control_period=0.25)
     environment.reset()
     heights = []
-    for _ in range(6):
+    for _ in range(3):
         picture = environment.physics.render(240, 320, camera_id="side")
         heights.append(np.ptp(_pole_pixels(picture)[:, 0]))
         environment.step([0.0])
-    assert len(set(heights[:5])) == 1 and heights[5] > 2.0 * heights[0]
+    assert heights[1] == heights[0] and heights[2] > 2.0 * heights[0]

@@ -8,6 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.poses import tracks
 from afl_mujoco.simulation.remarks import remarks_on
 
@@ -59,11 +60,10 @@ def test_dry_friction_that_a_plant_writes_acts_when_it_comes(nominal: float) -> 
     assert max(found) - min(found) < 1e-12
 
 
-@pytest.mark.parametrize("nominal", [0.0, 1.0])
-def test_damping_that_a_plant_writes_later_makes_the_step_finer_from_the_start(nominal) -> None:
+def test_damping_that_a_plant_writes_later_makes_the_step_finer_from_the_start() -> None:
     """4000 N s/m from 0.2 s on stop the cart within a quarter of a millisecond."""
     schedule = {"mu": afl.staircase((0.2,), (0.0, 4000.0))}
-    found = travelled(gliding(cart("damping", nominal), schedule=schedule))
+    found = travelled(gliding(cart("damping"), schedule=schedule))
     np.testing.assert_allclose(found, 0.20025, atol=1e-6)
 
 
@@ -106,25 +106,18 @@ def test_a_limit_of_the_mjcf_s_actuator_is_that_of_the_input_everywhere(motor: s
     assert (row.failure, row.metrics["max_f"], row.metrics["max_command"]) == ("", 1.0, 10.0)
 
 
-def test_limits_that_cannot_be_read_are_told_by_the_compiler(tmp_path) -> None:
-    for strange in (' forcerange="a b"', ' ctrlrange="1"', ' forcerange="-1 1" ctrlrange="x y"'):
-        plant = cart(motor=strange)
-        assert plant.limits.shape == (1, 2)
-        with pytest.raises(afl.AflMujocoError, match="cannot be parsed"):
-            afl.simulate_mujoco(gliding(plant), idle)
-    weak = replace(
-        cart(),
-        model=cart(motor=' forcerange="-1 3" gainprm="-2"').model.replace("motor", "general"),
-    )
-    assert weak.limits.tolist() == [[-1.5, 0.5]]
-    assert afl.check(weak, samples=5).passed
+def test_limits_that_cannot_be_read_are_told_by_the_compiler_and_a_gain_turns_them() -> None:
+    plant = cart(motor=' forcerange="a b"')
+    with pytest.raises(afl.AflMujocoError, match="cannot be parsed"):
+        afl.simulate_mujoco(gliding(plant), idle)
+    weak = cart(motor=' forcerange="-1 3" gainprm="-2"').model.replace("motor", "general")
+    assert replace(plant, model=weak).limits.tolist() == [[-1.5, 0.5]]
 
 
 def test_a_limit_of_the_force_on_a_joint_is_refused_where_something_runs() -> None:
     limited = cart(joint=' actuatorfrcrange="-1 1"')
     with pytest.raises(InvalidValueError, match="<joint 'x' actuatorfrcrange> would limit inputs"):
         afl.simulate_mujoco(gliding(limited), idle)
-    assert afl.check(limited, samples=10).passed  # which says that it leaves it out
 
 
 def test_an_end_stop_beyond_the_range_of_the_mjcf_leaves_that_range() -> None:
@@ -143,20 +136,15 @@ def test_a_jump_that_keeps_momenta_is_not_said_to_keep_velocities() -> None:
     assert not any("velocities stay" in one for one in said)
 
 
-def rails(tree: str, names: tuple[str, ...]) -> list[int]:
-    from afl_mujoco.simulation.mujoco_model import SimulatedModel
-
-    plant = afl.Plant(
-        name="tree", model=f"<mujoco><worldbody>{tree}</worldbody></mujoco>", coordinates=names
-    )
-    scenario = afl.Scenario(name="s", plant=plant)
-    found = tracks(scenario, SimulatedModel(plant), np.array([0.0, -1.0, 0.0]))
-    return [one.coordinate for one in found]
-
-
 def test_a_rail_is_drawn_of_slides_that_are_fixed_in_the_world_alone() -> None:
     slide, hinge = '<joint name="s" type="slide" axis="1 0 0"/>', '<joint name="h" axis="0 1 0"/>'
-    body = '<body>{}<geom size=".1"/></body>'
-    assert rails(body.format(slide + hinge), ("s", "h")) == [0]
-    assert rails(body.format(hinge + slide), ("h", "s")) == []  # it turns
-    assert rails(f'<body pos="0 0 1">{body.format(slide)}</body>', ("s",)) == [0]  # on a mount
+    for joints, names, mount, railed in (
+        (slide + hinge, ("s", "h"), "", [0]), (hinge + slide, ("h", "s"), "", []),  # it turns
+        (slide, ("s",), '<body pos="0 0 1">', [0]),
+    ):  # fmt: skip
+        tree = f'{mount}<body>{joints}<geom size=".1"/></body>{"</body>" if mount else ""}'
+        model = f"<mujoco><worldbody>{tree}</worldbody></mujoco>"
+        plant = afl.Plant(name="tree", model=model, coordinates=names)
+        scenario = afl.Scenario(name="s", plant=plant)
+        found = tracks(scenario, SimulatedModel(plant), np.array([0.0, -1.0, 0.0]))
+        assert [one.coordinate for one in found] == railed
