@@ -57,47 +57,6 @@ def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
         assert there.energy - here.energy == pytest.approx([0.0, lift], abs=1e-8 * abs(lift))
 
 
-def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() -> None:
-    """M and h by finite differences of where MuJoCo puts bodies, so not by any recursion."""
-    model = made(SPATIAL)
-    m, d = model.mj_model, model.mj_data
-    tree, rng = Tree(**model.tree(np.empty(0))), np.random.default_rng(1)
-    q, v, eps = rng.uniform(-1, 1, 4), rng.uniform(-1, 1, 4), 1e-4
-
-    def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
-        def places(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            d.qpos[:] = q
-            mujoco.mj_kinematics(m, d)
-            return d.xipos.copy(), d.ximat.reshape(-1, 3, 3).copy()
-
-        (x, r), (y, s), (z, t) = places(q), places(q + eps * v), places(q - eps * v)
-        speed, turn = (y - z) / (2 * eps), np.swapaxes(r, 1, 2) @ (s - t) / (2 * eps)
-        spin = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
-        kinetic = 0.5 * (m.body_mass * (speed**2).sum(1) + (m.body_inertia * spin**2).sum(1))
-        weight = m.body_mass @ (x @ m.opt.gravity)
-        spring = 0.5 * np.sum(m.jnt_stiffness.reshape(4, -1)[:, 0] * (q - m.qpos_spring) ** 2)
-        armature = 0.5 * np.sum(m.dof_armature * v**2)
-        return float(kinetic.sum() + armature + weight - spring)
-
-    unit, step = np.eye(4), 1e-2
-    first = [lagrangian(q + 1e-4 * e, v) - lagrangian(q - 1e-4 * e, v) for e in unit]
-
-    def momentum(q: np.ndarray) -> np.ndarray:
-        found = [lagrangian(q, v + step * e) - lagrangian(q, v - step * e) for e in unit]
-        return np.array(found) / (2 * step)
-
-    rate = (momentum(q + 1e-4 * v) - momentum(q - 1e-4 * v)) / 2e-4
-    bias = rate - np.array(first) / 2e-4 + m.dof_damping * v
-    np.testing.assert_allclose(terms_of(tree, q, v).bias, bias, rtol=0, atol=2e-5)
-    mass = [
-        (lagrangian(q, unit[i] + unit[j]) - lagrangian(q, unit[i]) - lagrangian(q, unit[j]))
-        + lagrangian(q, 0 * q)
-        for i in range(4) for j in range(4)
-    ]  # fmt: skip
-    expected = np.reshape(mass, (4, 4)) + 0.0
-    np.testing.assert_allclose(terms_of(tree, q, v).mass, expected, rtol=0, atol=1e-6)
-
-
 T = sp.Symbol("t")
 
 

@@ -121,18 +121,6 @@ def test_the_compiled_writer_writes_the_same(name: str) -> None:
         assert other.differing(row) == {}
 
 
-def test_the_inertia_of_a_body_that_is_written_in_part_stays_what_its_geoms_give(tmp_path) -> None:
-    inertial = '<inertial pos="0 0 .2" mass="1" diaginertia=".1 .1 .1"/>'
-    whole = '"body arm": afl.rod(mass=p.mass, length=p.length), '
-    geom = '"geom arm size 1": p.length / 2, "geom arm pos 2": p.length / 2'
-    plant = small(tmp_path, (inertial, ""), (whole, '"body arm mass": p.mass, '), (geom, ""))
-    model = PlantModel(plant)
-    for row in model.rows(drawn(plant, 20)):
-        model.write(row)
-        assert model.differing(row) == {}
-    assert model.mj_model.body("arm").inertia[0] > 1e-4
-
-
 def test_a_geom_without_mass_may_be_written_without_its_body(tmp_path) -> None:
     text = '<geom name="stub" size=".1" mass="1"/><geom name="flag" size=".1" mass="0"/>'
     changes = (
@@ -148,22 +136,6 @@ def test_a_geom_without_mass_may_be_written_without_its_body(tmp_path) -> None:
 def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
     with pytest.raises(afl.AflMujocoError, match="p has mass, length; did you mean length"):
         PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
-
-
-TIP = '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>'
-
-
-@pytest.mark.parametrize(("inertial", "written"), [
-    (TIP, '"body tip inertia 1": 0.12'),
-    (TIP.replace("diaginertia", "fullinertia").replace('.1"/', '.1 .01 0 0"/'),
-     '"body tip mass": p.mass'),
-], ids=["one axis", "products"])  # fmt: skip
-def test_the_rest_of_an_inertia_is_that_of_the_mjcf(inertial, written, tmp_path) -> None:
-    plant = small(tmp_path, (TIP, inertial), ("    return {", f"    return {{{written}, "))
-    model = PlantModel(plant)
-    for row in model.rows(drawn(plant, 5)):
-        model.write(row)
-        assert model.differing(row) == {}
 
 
 def test_masses_of_geoms_may_be_asked_for_where_none_is_written(tmp_path) -> None:
@@ -199,3 +171,20 @@ def test_code_that_never_ends_is_refused(old, new, said, tmp_path, monkeypatch) 
     )
     with pytest.raises(afl.AflMujocoError, match=said):
         afl.check(small(tmp_path, (old, new), loop), samples=10)
+
+
+TIP = '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>'
+PRODUCTS = TIP.replace("diaginertia", "fullinertia").replace('.1"/>', '.1 .01 0 0"/>')
+GEOM = '<geom size=".1" contype="0" conaffinity="0"/>'
+
+
+@pytest.mark.parametrize(("inertial", "written"), [
+    (TIP, '"body tip inertia 1": 0.12'), (PRODUCTS, '"body tip mass": p.mass'),
+    (GEOM, '"body tip mass": p.mass'),
+], ids=["one axis", "products", "of a geom"])  # fmt: skip
+def test_the_rest_of_an_inertia_is_that_of_the_mjcf(inertial, written, tmp_path) -> None:
+    plant = small(tmp_path, (TIP, inertial), ("    return {", f"    return {{{written}, "))
+    model = PlantModel(plant)
+    for row in model.rows(drawn(plant, 5)):
+        model.write(row)
+        assert model.differing(row) == {}

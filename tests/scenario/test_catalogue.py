@@ -23,13 +23,12 @@ def test_the_nine_names_come_in_the_order_of_the_paper():
     assert all(scenario.name == name for name, scenario in afl.SCENARIOS.items())
 
 
-@pytest.mark.parametrize("suffix", ["", "-impulse"], ids=["undisturbed", "impulse"])
 @pytest.mark.parametrize("name", CASES)
-def test_a_case_has_the_schedules_of_d3(name, suffix):
-    scenario = afl.SCENARIOS[name + suffix]
+def test_a_case_has_the_schedules_of_d3(name):
     mass, length = CASES[name]
-    assert scenario.cart_mass(TIMES) == pytest.approx(mass, rel=1e-15)  # one rounding
-    assert scenario.half_length(TIMES) == pytest.approx(length, rel=1e-15)
+    for scenario in (afl.SCENARIOS[name], afl.SCENARIOS[f"{name}-impulse"]):
+        assert scenario.cart_mass(TIMES) == pytest.approx(mass, rel=1e-15)  # one rounding
+        assert scenario.half_length(TIMES) == pytest.approx(length, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", afl.SCENARIOS)

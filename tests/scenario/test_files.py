@@ -1,6 +1,5 @@
 """A scenario survives its file; a file that breaks a rule is answered with file, key and value."""
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -110,37 +109,19 @@ HIT = "[[disturbances]]\nshape = "
         ("delay = 1", "delay is not a known key; known keys: name, plant, duration, "),
         ("[imperfections]\nnoise_phi = 1e-3",
          "imperfections.noise_phi is not a known key; it is now noise = { phi = ... }"),
-        ("[schedule]\nduration = 1",
-         "schedule name must be one of cart_mass, pole_mass, half_length, gravity, got 'dur"),
-        ("[requirements]\ncontrol_period = 1",
-         "requirements.control_period is not a known key; known keys: completes, "),
-        ("mass = 1", "mass is not a known key; known keys: name, plant, duration, "),
-        ("replay = 1", "replay must be a table"),
-        ("[replay]\nlaw = 'x'",
-         "replay.law is not a known key; known keys: controller, integrator"),
         ("[replay]\ncontroller = 1", "replay.controller must be text, got 1"),
         ("schedule.pole_mass = -0.1", "schedule.pole_mass must be positive, got -0.1"),
-        ("schedule.pole_mass = 1e300", "schedule.pole_mass must lie in 1e-09 to 1e+09, got 1e+300"),
         ("initial_state = [0, -60, 0, 0]",
          "initial_state phi must lie in -2 pi to 2 pi rad (-60 degrees is -1.0472 rad), got -60"),
         ("duration = 12\nimperfections.delay = 12",
          "imperfections.delay must be shorter than the duration, 12 s, got 12 s"),
-        ("schedule.pole_mass = '1'", "schedule.pole_mass must be a number, got '1'"),
-        ("schedule.pole_mass = 1" + 400 * "0", "schedule.pole_mass must be finite, got"),
-        ("initial_state = 3", "initial_state must be a table by name or a list, got 3"),
         ("initial_state = [0, 0]", "initial_state must hold four numbers, got 2"),
-        ("schedule = 3", "schedule must be a table, got 3"),
         ("plant = { name = 'x' }", 'plant must be "FILE.py:NAME", got '),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
-        (TABLE + "'piecewise-linear'\ntimes = [1.0, 5.0, 3.0]\nvalues = [1, 1, 1]",
-         "schedule.cart_mass.times must increase, got 3.0 after 5.0"),
         (TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
          "schedule.cart_mass.high is not a known key; known keys: times, values"),
-        (TABLE + "'trapezoid'\ntimes = [0, 1, 2, 3]\nlow = nan\nhigh = 2",
-         "schedule.cart_mass.low must be finite, got nan"),
         (TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
          "schedule.cart_mass.pieces[0].values is missing"),
-        ("disturbances = [3]", "disturbances[0] must be a table, got 3"),
         (HIT + "'kick'", "disturbances[0].shape must be one of pulse, impulse, got 'kick'"),
         (HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
          "disturbance must end within the duration 20.0 s, got 21.0"),
@@ -149,7 +130,6 @@ HIT = "[[disturbances]]\nshape = "
          "disturbances must be a list of tables, each of which begins with [[disturbances]], "),
         ("[imperfections]\ndifferentiated = True",
          "is not valid TOML: Invalid value (at line 2, column 18): values are written true, "),
-        ("duration = " + 5000 * "1", "is not valid TOML: Exceeds the limit (4300 digits)"),
         ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),
     ],
     ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
@@ -164,22 +144,14 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     assert "\n" not in said
 
 
-def row(scenario, controller):
-    return afl.run_all(controller, scenario)
-
-
-SIMULATORS = (afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_rk4, afl.simulate_ode_held)
-
-
-@pytest.mark.parametrize("run", [*SIMULATORS, row])
+@pytest.mark.parametrize("run", [
+    afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_rk4, afl.simulate_ode_held,
+    lambda scenario, controller: afl.run_all(controller, scenario)[0],
+])  # fmt: skip
 def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     scenario = afl.Scenario(name="mine", duration=0.02)
     afl.save_scenario(scenario, path := tmp_path / "mine.toml")
-    of_path, of_text, of_object = (run(x, "lqr") for x in (path, str(path), scenario))
-    for found in (of_path, of_text):
-        if run is row:
-            assert found == of_object
-        else:
-            np.testing.assert_array_equal(found.state, of_object.state)
+    of_path, of_text, of_object = (run(x, "lqr").metrics for x in (path, str(path), scenario))
+    assert of_path == of_text == of_object
     with pytest.raises(afl.AflMujocoError, match="did you mean nominal"):
         run("nominall", "lqr")

@@ -39,10 +39,7 @@ def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
     ("drag = 1", "imperfections.drag is not a known key; known keys: control_period, delay, "),
     ("encoder_step.z = 1e-13", "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-"),
     ("delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
-    ("control_period = 0", "imperfections.control_period must be positive, got 0.0"),
-    ("tip_mass_share = 1", "imperfections.tip_mass_share must be below 1, got 1.0"),
     ("differentiated = 1", "imperfections.differentiated must be true or false, got 1"),
-    ("seed = -1", "imperfections.seed must be at least 0, got -1"),
     ("seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
     ("end_stops.z = 0.5", "initial_state z must lie within end_stops.z, 0.5 m, got"),
 ], ids=lambda value: value if "must" not in value and "known" not in value else "")  # fmt: skip
@@ -59,17 +56,13 @@ SIMULATORS = {
 }  # fmt: skip
 
 
-IGNORED = """scenario 'mine' has imperfections, which only mode "sampled" simulates: use \
-that (the commands simulate and compare do), or remove [imperfections] and \
-[belief]"""
-
-
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
-@pytest.mark.parametrize("name", FIELDS)
-def test_what_would_ignore_imperfections_refuses_it(simulate, name):
-    real = afl.Scenario(name="mine", imperfections=Imperfections(**{name: getattr(REAL, name)}))
-    with pytest.raises(InvalidValueError, match=line(IGNORED)):
-        simulate(real, "fixed")
+def test_what_would_ignore_imperfections_refuses_each_of_them(simulate):
+    said = line("scenario 'mine' has imperfections, which only mode \"sampled\" simulates: ", ...)
+    for name in FIELDS:
+        real = Imperfections(**{name: getattr(REAL, name)})
+        with pytest.raises(InvalidValueError, match=said):
+            simulate(afl.Scenario(name="mine", imperfections=real), "fixed")
 
 
 def test_a_plant_that_has_the_cart_pole_s_coordinates_is_not_the_cart_pole():

@@ -78,26 +78,20 @@ def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_re
     assert with_ranges(LABORATORY) == LABORATORY
 
 
-def test_a_range_of_a_name_of_the_plant_that_an_imperfection_has_too_is_refused() -> None:
-    own = replace(known("quadrotor_load.py:plant"), parameters={"delay": afl.Parameter(1.0)})
-    with pytest.raises(AflMujocoError, match=r"^ranges\.delay must not be an imperfection and a"):
-        afl.Scenario(name="s", plant=own, ranges={"delay": (0.1, 0.2)})
-
-
-def test_a_range_of_one_number_where_the_file_has_a_table_is_refused() -> None:
+def test_a_range_must_be_of_one_thing_and_of_the_form_that_the_file_has() -> None:
     plant, late = known("quadrotor_load.py:plant"), afl.Imperfections(delay={"left": 0.01})
     with pytest.raises(AflMujocoError, match=r"^ranges\.delay must be a table by input, as imp"):
         afl.Scenario(name="s", plant=plant, imperfections=late, ranges={"delay": (0.0, 0.1)})
+    own = replace(plant, parameters={"delay": afl.Parameter(1.0)})
+    with pytest.raises(AflMujocoError, match=r"^ranges\.delay must not be an imperfection and a"):
+        afl.Scenario(name="s", plant=own, ranges={"delay": (0.1, 0.2)})
 
 
 @pytest.mark.parametrize(("text", "message"), [
     ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
     ("phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run ends"),
     ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
-    ("phi = ['a', 1]", "ranges.phi must be a number, got 'a'"),
     ("phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
-    ("cart_mass = [0.0, 1.0]", "ranges.cart_mass must be positive, got 0.0"),
-    ("seed = [0, 1]", "ranges.seed is not a known key; known keys: z, phi, "),
 ])  # fmt: skip
 def test_a_table_that_breaks_a_rule_is_refused(tmp_path, text: str, message: str) -> None:
     (tmp_path / "own.toml").write_text(f"[ranges]\n{text}\n")
@@ -105,15 +99,12 @@ def test_a_table_that_breaks_a_rule_is_refused(tmp_path, text: str, message: str
         afl.load_scenario(tmp_path / "own.toml")
 
 
-def test_a_space_in_which_nothing_varies_is_refused() -> None:
+def test_a_space_that_cannot_be_drawn_from_is_refused() -> None:
     with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
         SampleSpace(afl.SCENARIOS["nominal"])
     rail, ranges = afl.Imperfections(end_stops={"z": 1.0}), {"z": (-2.0, 2.0)}
     with pytest.raises(AflMujocoError, match="initial_state z must lie within the shortest end_st"):
         SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
-
-
-def test_a_run_too_short_for_the_instants_of_changes_is_refused() -> None:
     own = afl.Scenario(name="own", ranges={"cart_mass": (1.0, 2.0)}, duration=0.008)
     with pytest.raises(AflMujocoError, match=r"^duration must be more than 0\.008 s, for"):
         SampleSpace(own)

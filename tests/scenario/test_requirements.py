@@ -13,12 +13,7 @@ PUSHES = (
     afl.ForcePulse(force=-5.0, start=2.4, duration=0.2), afl.Impulse(momentum=1.0, time=6.0),
 )  # fmt: skip
 TABLE = """
-duration = 10.0
-[[disturbances]]
-shape = "pulse"
-force = 20.0
-start = 6.0
-duration = 0.1
+disturbances = [{ shape = "pulse", force = 20.0, start = 6.0, duration = 0.1 }]
 [requirements]
 completes = false
 max.z = 1.0
@@ -45,12 +40,8 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path) -> None:
 @pytest.mark.parametrize(("text", "message"), [
     ("max.z = -1", "requirements.max.z must be positive, got -1"),
     ("max.phi = 15", f"requirements.max.phi {FALLEN} (15 degrees is"),
-    ("bands.phi = 2", f"requirements.bands.phi {FALLEN} (2 degrees"),
-    ('max.force = "weak"', "requirements.max.force must be a number, got 'weak'"),
-    ("completes = 1", "requirements.completes must be true or false, got 1"),
     ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
     ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
-    ("max_positon = 1", "requirements.max_positon is not a known key; known keys: completes, "),
     ("settling_time = 21", "requirements.settling_time must be at most 20 s, the duration, got 21"),
     ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
 ])  # fmt: skip
@@ -94,14 +85,7 @@ def test_disturbances_that_overlap_are_recovered_from_together() -> None:
 
 @pytest.mark.parametrize("order", [1, -1])
 def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
-    long, short = (
-        afl.ForcePulse(force=5.0, start=start, duration=duration)
-        for start, duration in ((1.0, 2.0), (1.5, 0.5))
-    )
+    long = afl.ForcePulse(force=5.0, start=1.0, duration=2.0)
+    short = afl.ForcePulse(force=5.0, start=1.5, duration=0.5)
     for inner in (short, afl.Impulse(momentum=1.0, time=2.9)):
-        disturbances = (long, inner)[::order]
-        assert recoveries(10.0, disturbances) == [(3.0, 10.0)]
-        message = r"must be at most 7 s, the time left after the disturbance that ends at 3 s"
-        asked = {"requirements": Requirements(recover_within=7.5), "duration": 10.0}
-        with pytest.raises(afl.AflMujocoError, match=message):
-            afl.Scenario(name="nested", disturbances=disturbances, **asked)
+        assert recoveries(10.0, (long, inner)[::order]) == [(3.0, 10.0)]

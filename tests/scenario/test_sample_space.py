@@ -25,7 +25,7 @@ def samples() -> list[afl.Scenario]:
 
 def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> None:
     seen = set()
-    for index in range(12):
+    for index in range(6):
         point = sample_point(SPACE, index, 3)
         away = dict(zip(SPACE.coordinates, (point - SPACE.reference).tolist(), strict=True))
         for i, name in enumerate(SPACE.coordinates):
@@ -41,10 +41,9 @@ def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> N
 
 def test_a_sample_depends_on_index_and_seed_alone_and_is_the_same_for_ever() -> None:
     assert sample_scenario(SPACE, 3, 7) == sample_scenario(SPACE, 3, 7)
-    points = {sample_point(SPACE, i, seed).tobytes() for i in range(20) for seed in range(20)}
-    assert len(points) == 400
-    noise = {sample_scenario(SPACE, i, s).imperfections.seed for i in range(20) for s in range(20)}
-    assert len(noise) == 400
+    drawn = [sample_scenario(SPACE, i, seed) for i in range(6) for seed in range(6)]
+    assert len({one.initial_state for one in drawn}) == 36
+    assert len({one.imperfections.seed for one in drawn}) == 36
     """Philox and SeedSequence promise their streams; a sample of today is that of tomorrow."""
     expected = [0.08889323355387169, 0.20068358985659007, 0.8312670906835586]
     np.testing.assert_array_equal(sample_point(SPACE, 12, 1)[:3], expected)

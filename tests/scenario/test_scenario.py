@@ -19,15 +19,10 @@ def test_segments_cover_the_horizon_and_part_at_schedules_and_disturbances(odd_s
     assert [s.end for s in segments[:-1]] == [s.start for s in segments[1:]]
     assert all(s.start < s.end for s in segments)
     assert tuple(s.start for s in segments[1:]) == odd_scenario.breakpoints
-    scenario = Scenario(
-        name="x",
-        schedule={
-            "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
-            "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
-        },
-        disturbances=(PULSE, afl.Impulse(momentum=1.0, time=3.0)),
-        duration=20.0,
-    )
+    schedule = {"cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
+                "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4)}  # fmt: skip
+    hits = (PULSE, afl.Impulse(momentum=1.0, time=3.0))
+    scenario = Scenario(name="x", schedule=schedule, disturbances=hits)
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)
 
 
@@ -74,7 +69,6 @@ def test_a_pulse_acts_to_just_before_its_end_pulses_add_up_and_impulses_come_fir
     ({"schedule": {"gravity": staircase((1,), (9.81, 1.62))}},
      "schedule.gravity must be one number: only cart_mass and half_length change during a "
      "run, got [9.81, 1.62]"),
-    ({"schedule": 3}, "schedule must be a table, got 3"),
     ({"initial_state": {"psi": 1}},
      "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?"),
 ], ids=lambda value: "-".join(value) if isinstance(value, dict) else "")  # fmt: skip
@@ -83,32 +77,20 @@ def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
         Scenario(**{"name": "x", **fields})
 
 
-@pytest.mark.parametrize(("build", "message"), [
-    (lambda: afl.ForcePulse(force=math.nan, start=0, duration=1), "force must be finite, got nan"),
-    (lambda: afl.ForcePulse(force=1, start=-1, duration=1), "start must not be negative, got -1.0"),
-    (lambda: afl.ForcePulse(force=1, start=0, duration=0), "duration must be positive, got 0.0"),
-    (lambda: afl.Impulse(momentum="1", time=0), "momentum must be a number, got '1'"),
-    (lambda: afl.Impulse(momentum=1, time=-2), "time must not be negative, got -2.0"),
-], ids=["force", "start", "duration", "momentum", "time"])  # fmt: skip
-def test_a_disturbance_that_breaks_a_rule_is_refused_in_one_line(build, message):
-    with pytest.raises(InvalidValueError, match=line(message)):
-        build()
+@pytest.mark.parametrize(("kind", "values", "message"), [
+    (afl.ForcePulse, {"force": math.nan, "start": 0, "duration": 1}, "force must be finite"),
+    (afl.ForcePulse, {"force": 1, "start": 0, "duration": 0}, "duration must be positive, got 0.0"),
+    (afl.Impulse, {"momentum": 1, "time": -2}, "time must not be negative, got -2.0"),
+])  # fmt: skip
+def test_a_disturbance_that_breaks_a_rule_is_refused_in_one_line(kind, values, message):
+    with pytest.raises(InvalidValueError, match=f"^{message}"):
+        kind(**values)
 
 
-FIELDS = ("cart_mass", "pole_mass", "half_length", "gravity")
-
-
-def test_the_defaults_are_the_nominal_plant_of_the_paper():
-    p = CartPoleParameters()
-    assert (p.cart_mass, p.pole_mass, p.half_length, p.gravity) == (1.0, 0.05, 0.5, 9.81)
-
-
-@pytest.mark.parametrize("name", FIELDS)
+@pytest.mark.parametrize("name", ["cart_mass", "pole_mass", "half_length", "gravity"])
 @pytest.mark.parametrize(("value", "message"), [
-    (-0.1, "positive, got -0.1"), (0, "positive, got 0.0"), (float("nan"), "finite, got nan"),
-    (float("inf"), "finite, got inf"), ("1.0", "a number, got '1.0'"),
-    (b"1.0", "a number, got b'1.0'"), (True, "a number, got True"), (None, "a number, got None"),
-    (1j, "a number, got 1j"), ([1.0], "a number, got [1.0]"),
+    (0, "positive, got 0.0"), (float("nan"), "finite, got nan"), ("1.0", "a number, got '1.0'"),
+    (True, "a number, got True"),
 ], ids=str)  # fmt: skip
 def test_a_value_that_breaks_a_rule_is_refused_by_name(name, value, message):
     with pytest.raises(InvalidValueError, match=line(f"{name} must be {message}")) as caught:
@@ -122,17 +104,16 @@ def test_a_number_that_is_none_in_disguise_is_refused(value):
         CartPoleParameters(cart_mass=value)
 
 
-def test_parameters_are_keyword_only_and_frozen(odd_parameters):
+def test_parameters_are_keyword_only_frozen_and_by_default_the_paper_s(odd_parameters):
+    p = CartPoleParameters()
+    assert (p.cart_mass, p.pole_mass, p.half_length, p.gravity) == (1.0, 0.05, 0.5, 9.81)
     with pytest.raises(TypeError):
         CartPoleParameters(1.0)
     with pytest.raises(dataclasses.FrozenInstanceError):
         odd_parameters.cart_mass = 2.0
 
 
-PERIODS = [1e-3, 2e-3, 7e-3, 0.8]
-
-
-@pytest.mark.parametrize("period", PERIODS, ids=str)
+@pytest.mark.parametrize("period", [1e-3, 7e-3, 0.8], ids=str)
 def test_the_grid_holds_every_breakpoint_exactly_and_no_step_straddles_one(odd_scenario, period):
     grid = time_grid(odd_scenario, period)
     assert set(odd_scenario.breakpoints) <= set(grid.tolist())

@@ -23,15 +23,13 @@ def schedules(draw):
 @pytest.mark.parametrize(("schedule", "expected", "breakpoints"), [
     pytest.param(constant(3.0), {-1: 3, 0: 3, 7: 3}, (), id="constant"),
     (staircase((1.0, 3.0), (0.5, 1.0, 2.0)), {0: 0.5, 0.999: 0.5, 1: 1, 2.999: 1, 3: 2, 99: 2},
-     (1, 3)), pytest.param(staircase((), (0.5,)), {0: 0.5, 9: 0.5}, (), id="step without a jump"),
+     (1, 3)),
     (trapezoid((0.0, 2.0, 6.0, 8.0), 0.5, 2.0),
      {-1: 0.5, 0: 0.5, 1: 1.25, 2: 2, 4: 2, 6: 2, 7: 1.25, 8: 0.5, 9: 0.5}, (0, 2, 6, 8)),
     (piecewise_linear((1.0, 2.0, 2.0, 4.0), (0.0, 4.0, 1.0, 2.0)),
      {0: 0, 1: 0, 1.5: 2, 2: 1, 3: 1.5, 4: 2, 5: 2}, (1, 2, 4)),
     (joined((1.0, 3.0), (trapezoid((0.0, 1.0, 4.0, 5.0), 1.0, 2.0), constant(7.0))),
      {0: 1, 1: 1, 1.5: 1.5, 2: 2, 2.999: 2, 3: 7, 9: 7}, (1, 2, 3)),
-    (joined((0.0, 2.0), (staircase((2.0,), (1.0, 5.0)), constant(7.0))),
-     {0: 1, 1: 1, 1.999: 1, 2: 7}, (2,)),
 ])  # fmt: skip
 def test_a_schedule_has_its_hand_written_values_and_breakpoints(schedule, expected, breakpoints):
     assert {t: schedule.at(t) for t in expected} == expected
@@ -45,7 +43,7 @@ def test_a_piece_ends_where_the_next_starts_even_when_clocks_do_not_add_up_exact
     assert (schedule.at(0.2), schedule.at(0.4)) == (1.0, 3.0)
 
 
-@settings(derandomize=True, max_examples=80, deadline=None)
+@settings(derandomize=True, max_examples=40, deadline=None)
 @given(schedule=schedules(), times=st.lists(st.floats(-2, 12), min_size=1, max_size=8))
 def test_piece_call_and_at_agree_everywhere(schedule, times):
     times = [*times, *schedule.times]
@@ -54,7 +52,7 @@ def test_piece_call_and_at_agree_everywhere(schedule, times):
     assert [schedule.piece(t)[0] for t in times] == at
 
 
-@settings(derandomize=True, max_examples=80, deadline=None)
+@settings(derandomize=True, max_examples=40, deadline=None)
 @given(first=schedules(), second=schedules(), start=EIGHTHS, gap=st.integers(1, 40))
 def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
     change = start + gap / 8
@@ -66,16 +64,11 @@ def test_joined_follows_each_piece_on_its_own_clock(first, second, start, gap):
 
 @pytest.mark.parametrize(("build", "message"), [
     (lambda: piecewise_linear((1, 5, 3), (1, 1, 1)), "times must increase, got 3.0 after 5.0"),
-    (lambda: staircase((1.0, 1.0), (1, 2, 3)), "times must increase, got 1.0 after 1.0"),
     (lambda: trapezoid((0, 2, 8), 1, 2), "times must be four for a trapezoid, got 3"),
     (lambda: piecewise_linear((1, 1, 1), (1, 2, 3)),
      "times may repeat a time once, for a jump, got 1.0"),
-    (lambda: piecewise_linear((), ()), "times must hold at least one time"),
     (lambda: piecewise_linear((1, 2), (1,)), "values must be as many as times (2), got 1"),
-    (lambda: staircase((1, 2), (1, 2)), "values must be one more than the times (2), got 2"),
-    (lambda: piecewise_linear((0, 1), (1, float("nan"))), "values must be finite, got nan"),
     (lambda: joined((), ()), "starts must be as many as the pieces (0), at least one, got 0"),
-    (lambda: joined((2, 1), (constant(1), constant(2))), "starts must increase, got 1.0 after 2.0"),
 ])  # fmt: skip
 def test_a_schedule_that_breaks_a_rule_is_refused_in_one_line(build, message):
     with pytest.raises(InvalidValueError, match=line(message)):

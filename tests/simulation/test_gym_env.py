@@ -14,7 +14,7 @@ from gymnasium.utils.seeding import np_random
 from gymnasium.vector import SyncVectorEnv
 
 import afl_mujoco as afl
-from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.gym_env.environment import (
@@ -148,20 +148,14 @@ def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
         environment.reset()
 
 
-def test_without_a_render_mode_there_is_no_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_render_mode_there_is_no_picture() -> None:
     environment = CartPoleEnv()
     environment.reset()
     assert environment.render() is None
-    monkeypatch.setenv("MUJOCO_GL", "disable")
-    blind = CartPoleEnv(render_mode="rgb_array")  # only a picture needs what draws it
-    blind.reset()
-    with pytest.raises(GraphicsError, match=r"^headless rendering must be able to draw"):
-        blind.render()
 
 
 @pytest.mark.parametrize(("settings", "options", "message"), [
     ({"control_period": 0.0}, None, "control_period must be positive"),
-    ({"render_mode": "human"}, None, "render_mode must be one of None, rgb_array, got 'human'"),
     ({}, {"initial_state": (0, 0, 0, 0)}, "options of reset must be empty, got initial_state"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, message) -> None:
@@ -173,7 +167,7 @@ def test_scaled_observations_are_shares_of_powers_of_two() -> None:
     plain, scaled = CartPoleEnv(**SI), CartPoleEnv()
     assert scaled.scale.tolist() == [4.0, 2.0, 8.0, 8.0, 1.0, 0.5]
     (one, _), (other, _) = plain.reset(), scaled.reset()
-    for _ in range(20):
+    for _ in range(10):
         np.testing.assert_array_equal(one, other * scaled.scale)
         assert other in scaled.observation_space
         (one, *_), (other, *_) = plain.step([0.05]), scaled.step([0.05])
@@ -392,15 +386,12 @@ def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path
 
 def test_a_policy_of_any_plant_is_a_controller() -> None:
     scenario = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges={})
-    scenario = replace(scenario, initial_state={"x": 0.1}, duration=0.5)
-    environment = ScenarioEnv(scenario)
-    weight = environment.inputs(np.zeros(2)) + 5.0
+    environment = ScenarioEnv(replace(scenario, initial_state={"x": 0.1}, duration=0.5))
 
     def predict(seen: np.ndarray) -> np.ndarray:
-        return (weight + seen[:2]) / FORCE_LIMIT
+        return (5.0 + seen[:2]) / FORCE_LIMIT
 
-    policy = policy_controller(predict, environment)
-    assert acts_alike(policy, environment, predict) > 10
+    assert acts_alike(policy_controller(predict, environment), environment, predict) > 10
     with pytest.raises(InvalidValueError, match="action of a policy must give 2 numbers, got 1"):
         belief = scenario.plant.named(scenario.plant.nominal)
         policy_controller(lambda seen: np.zeros(1), environment)(0.0, np.zeros(8), belief)

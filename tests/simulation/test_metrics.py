@@ -92,16 +92,6 @@ def test_the_objective_of_its_own_scales_is_three_and_saturation_counts_time() -
     assert measured(run)["saturated_share"] == pytest.approx(share, abs=1e-12)  # same sum
 
 
-def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
-    controller = afl.CONTROLLERS["lqr"]
-    short = afl.Scenario(name="<short>", duration=1.0)
-    run = afl.simulate_mujoco(short, controller, "sampled")
-    expected = metrics(short, controller, run)
-    assert run.metrics == {k: v for k, v in expected.items() if k != "saturated_share"}
-    assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
-    assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]
-
-
 def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     pandas = types.SimpleNamespace(
         DataFrame=lambda columns, index: columns, Index=lambda *_, name: 0

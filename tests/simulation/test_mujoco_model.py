@@ -24,12 +24,9 @@ def _friction_limits_and_contact(spec):
     )  # fmt: skip
 
 
-EDITS = {"plain": None, "friction, limits and contact": _friction_limits_and_contact}
-
-
 @pytest.fixture
 def plants(rng):
-    rows = rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), size=(12, 4)).tolist()
+    rows = rng.uniform((0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0), size=(6, 4)).tolist()
     return [CartPoleParameters(**dict(zip(NAMES, row, strict=True))) for row in rows]
 
 
@@ -49,8 +46,9 @@ def _accelerations(model, states, forces):
     return np.array(result)
 
 
-@pytest.mark.parametrize("file", ["cartpole.xml", "scene.xml"])
-@pytest.mark.parametrize("edit", EDITS.values(), ids=EDITS)
+@pytest.mark.parametrize(("file", "edit"), [
+    ("cartpole.xml", None), ("scene.xml", _friction_limits_and_contact),
+])  # fmt: skip
 def test_a_mutated_model_equals_a_freshly_compiled_one_in_every_array(file, edit, plants):
     mutated = CartPoleModel(plants[0], file=file, edit=edit)
     for p in plants[1:]:

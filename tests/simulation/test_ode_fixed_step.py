@@ -69,25 +69,12 @@ def test_a_run_that_ends_within_a_step_has_the_force_of_every_instant():
         assert len(run.force) == 2
 
 
-@pytest.mark.parametrize("held", [True, False])
-def test_any_plant_has_the_twin_that_the_cart_pole_has(held: bool) -> None:
-    lqr = afl.CONTROLLERS["lqr"]
-
-    def control(time, state, belief):
-        values = (belief.cart_mass, belief.pole_mass, belief.half_length, belief.gravity)
-        return lqr.command(time, state, np.array(values))
-
-    what = {
-        "duration": 1.5, "initial_state": {"phi": 0.2},
-        "schedule": {"cart_mass": afl.staircase((0.5,), (1.0, 1.7)),
-            "half_length": afl.piecewise_linear((0.2, 0.9033), (0.5, 0.7))},
-        "disturbances": (afl.ForcePulse(force=2.0, start=0.3007, duration=0.2),),
-    }  # fmt: skip
-    mine = PythonController(name="mine", function=control)
-    settings = {"timestep": 5e-3, "substeps": 2}
-    settings |= {"control_period": 0.01} if held else {"holds": Holds()}
-    expected = afl.simulate_ode_held(afl.Scenario(name="s", **what), lqr, **settings)
-    own = replace(mine, plant=cart_pole)
-    found = afl.simulate_ode_held(afl.Scenario(name="s", plant=cart_pole, **what), own, **settings)
+@pytest.mark.parametrize("held", [{"control_period": 0.01}, {"holds": Holds()}])
+def test_any_plant_has_the_twin_that_the_cart_pole_has(odd_scenario, held) -> None:
+    scenario = replace(odd_scenario, disturbances=odd_scenario.disturbances[:1])
+    settings, gains = {"timestep": 5e-3, "substeps": 2, **held}, (1.0, -30.0, 2.0, -8.0)
+    expected = afl.simulate_ode_held(scenario, feedback(*np.negative(gains)), **settings)
+    own = PythonController(name="own", function=lambda t, x, b: np.dot(gains, x), plant=cart_pole)
+    found = afl.simulate_ode_held(replace(scenario, plant=cart_pole), own, **settings)
     np.testing.assert_allclose(found.state, expected.state, rtol=0.0, atol=1e-11)
     np.testing.assert_allclose(found.force, expected.force, rtol=0.0, atol=1e-9)

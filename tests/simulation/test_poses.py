@@ -110,13 +110,8 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
     assert max(data["view"]) < 6.0  # of a plant of 1 m
 
 
-def test_a_long_run_has_fewer_frames_and_one_that_diverged_those_until_then() -> None:
+def test_a_long_run_has_fewer_frames() -> None:
     scenario = afl.Scenario(name="long", duration=6000.0)
     time = np.linspace(0.0, 6000.0, 900)
     data = replay_data(scenario, {"lqr": moving(time, np.sin(time), 0.1 * np.sin(time))}, {})
     assert 1.0 < data["fps"] < 8.0 and data["runs"][0]["frames"] * 9 * 2 <= 1.01 * MOST_NUMBERS
-    time = np.linspace(0.0, 1.0, 40)
-    state = moving(time, 10.0 ** (8.0 * time), time)[1]
-    state[-1] = np.nan
-    data = replay_data(afl.Scenario(name="off", duration=2.0), {"lqr": (time, state)}, {})
-    assert np.isfinite(decode(data["runs"][0]["aims"])).all() and np.isfinite(data["view"]).all()

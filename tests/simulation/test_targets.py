@@ -11,7 +11,6 @@ import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import label_of
 from afl_mujoco.simulation.trajectory import Layout, deviation
-from afl_mujoco.studies.attraction import Options, prepare
 from tests.plants.plants import known
 
 PENDULUM = afl.Plant(
@@ -35,7 +34,7 @@ def worlds(**settings):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [-3.0, 3.2, -3.3])
+@pytest.mark.parametrize("angle", [-3.0, 3.2])
 def test_environments_end_an_episode_when_the_run_ends(angle: float) -> None:
     scenario = replace(NEAR, initial_state={"angle": angle})
     run = afl.simulate_mujoco(scenario, lambda *_: 0.0, control_period=0.01)
@@ -110,13 +109,5 @@ def test_every_simulator_of_equations_takes_a_controller_by_its_name(simulate) -
     lean = afl.Scenario(name="lean", plant=plant, duration=0.2, initial_state={"lower": 0.02})
     run, reference = simulate(lean, "lqr"), afl.simulate_ode(lean, "lqr")
     np.testing.assert_allclose(run.state[-1], reference.state[-1], atol=1e-3)
-    own = simulate(lean, lambda time, state, belief: belief.payload * state[0])
-    assert own.outcome.kind == "completed"
     with pytest.raises(InvalidValueError, match="controller 'adaptive' is of the cart-pole"):
         simulate(lean, "adaptive")
-
-
-def test_a_map_keeps_within_end_stops_by_default(tmp_path) -> None:
-    (tmp_path / "rail.toml").write_text("[imperfections]\nend_stops = { z = 0.6 }\n")
-    found = prepare(Options(scenario=str(tmp_path / "rail.toml"), axes=("z", "phi"), grid=3))
-    assert np.abs(found.angles).max() < 0.6

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.task import controller_policy, nearness
+from afl_mujoco.simulation.task import controller_policy
 from tests.engine import episode
 from tests.plants.plants import known
 
@@ -27,10 +27,9 @@ def scenario_of(name: str, **changes: object) -> afl.Scenario:
 ROUGH = afl.Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
 
 
-@pytest.mark.parametrize("imperfections", [afl.Imperfections(), ROUGH], ids=["ideal", "rough"])
 @pytest.mark.parametrize("name", PLANTS)
-def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name, imperfections):
-    scenario = scenario_of(name, imperfections=imperfections)
+def test_the_lqr_as_an_agent_repeats_the_sampled_rollout_bit_for_bit(name):
+    scenario = scenario_of(name, imperfections=ROUGH)
     settings = {"timestep": 1e-3, "control_period": 5e-3}
     controller = afl.CONTROLLERS["lqr"]
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
@@ -56,25 +55,6 @@ def test_what_an_episode_shows_is_named_by_the_plant(name):
         assert 0.0 < step.reward <= 1.0
     assert step.observation["parameters"].tolist() == scenario.values_at(1.0).tolist()
     assert step.discount == 1.0  # nothing ends a run of this plant
-
-
-def test_an_episode_ends_where_the_requirements_say_so():
-    plant = known("cart_double_pendulum.py:plant")
-    asked = afl.Requirements(ends_at={"lower": 0.5})
-    lean = {"initial_state": {"lower": 0.1}}
-    scenario = afl.Scenario(name="falls", plant=plant, requirements=asked, **lean)
-    environment = afl.load(scenario, control_period=0.01)
-    step = environment.reset()
-    while not step.last():
-        step = environment.step([0.0])
-    assert step.discount == 0.0 and abs(step.observation["position"][1]) >= 0.5
-
-
-def test_nearness_is_1_at_the_target_and_counts_a_coordinate_at_its_band_half():
-    bands = np.array([0.05, 0.02])
-    assert nearness(np.zeros(2), bands) == 1.0
-    assert nearness(np.array([0.05, 0.0]), bands) == pytest.approx(0.75)
-    assert nearness(np.array([[0.05, 0.02], [1e9, 1e9]]), bands) == pytest.approx([0.5, 0.0])
 
 
 @pytest.mark.parametrize("name", PLANTS)

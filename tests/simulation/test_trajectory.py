@@ -55,21 +55,19 @@ def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
     assert set(provenance["versions"]) >= {"afl_mujoco", "mujoco", "numpy", "scipy"}
 
 
-NO_TRAJECTORY = "is not a saved trajectory"
 OBJECTS = {name: np.array([object()]) for name in ARRAYS}
 SPOILED = {
-    "garbage": (lambda p: p.write_bytes(bytes(range(256))), NO_TRAJECTORY),
-    "pickled array": (lambda p: np.savez(p, **OBJECTS, meta=np.array("{}")), NO_TRAJECTORY),
-    "cut off": (lambda p: p.write_bytes(p.read_bytes()[:5000]), NO_TRAJECTORY),
-    "other npz": (lambda p: np.savez(p, time=np.zeros(3)), NO_TRAJECTORY),
+    "garbage": lambda p: p.write_bytes(bytes(range(256))),
+    "pickled array": lambda p: np.savez(p, **OBJECTS, meta=np.array("{}")),
+    "other npz": lambda p: np.savez(p, time=np.zeros(3)),
 }
 
 
-@pytest.mark.parametrize(("spoil", "message"), SPOILED.values(), ids=SPOILED)
-def test_a_file_that_holds_no_trajectory_is_said_so(spoil, message, saved):
+@pytest.mark.parametrize("spoil", SPOILED.values(), ids=SPOILED)
+def test_a_file_that_holds_no_trajectory_is_said_so(spoil, saved):
     _, path = saved
     spoil(path)
-    with pytest.raises(FileError, match=line(f"{path} {message}", ...)):
+    with pytest.raises(FileError, match=line(f"{path} is not a saved trajectory", ...)):
         Trajectory.load(path)
     gc.collect()  # a file left open is a warning, hence an error, here and not in a later test
 

@@ -7,11 +7,11 @@ import afl_mujoco as afl
 from afl_mujoco.scenario.imperfections import IMPERFECTIONS, Imperfections
 from afl_mujoco.simulation.mujoco_model import INTEGRATORS
 
-LEVELS = 4
+LEVELS = 3
 
 FAST = afl.Scenario(
     name="fast",
-    duration=2.0,
+    duration=1.5,
     schedule={
         "cart_mass": afl.staircase([0.5], [0.1, 0.3]),
         "half_length": afl.staircase([1.0], [0.05, 0.1]),

@@ -114,7 +114,7 @@ def test_an_actuator_exerts_the_command_and_a_limit_cuts_off_both_signs():
     assert math.isnan(hardware.within_reach(drive_of(limited, 9)[0], math.nan))
 
 
-@pytest.mark.parametrize("delay", [0.0005, 0.001, 0.003, 0.0034, 0.1 + 0.2 - 0.29, 0.05], ids=str)
+@pytest.mark.parametrize("delay", [0.0005, 0.003, 0.0034, 0.1 + 0.2 - 0.29], ids=str)
 def test_a_step_arrives_after_the_transport_delay(delay):
     expected = 7.0 * np.maximum(ENDS - delay, 0.0)
     np.testing.assert_allclose(delivered(delay=delay), expected, rtol=0, atol=1e-14)
@@ -139,8 +139,6 @@ def test_the_slew_rate_limits_every_change_and_a_limited_force_comes_back_at_onc
 
 CHAINS = {
     "fractional delay and lag": Imperfections(delay=0.0035, lag=0.004),
-    "less than a step": Imperfections(delay=0.0005, lag=0.001),
-    "slew": Imperfections(slew_rate=5000.0),
     "slew and lag": Imperfections(slew_rate=5000.0, lag=0.002),
     "everything": Imperfections(delay=0.0035, slew_rate=5000.0, lag=0.004, input_limit=8.0),
 }  # fmt: skip
@@ -166,11 +164,9 @@ def fine_chain(real, commands, fine):
 
 @pytest.mark.parametrize("name", CHAINS)
 def test_mean_peak_square_and_variation_are_those_of_a_fine_simulation_of_the_chain(name, rng):
-    commands = 6.0 * rng.normal(size=40)
-    expected = fine_chain(CHAINS[name], commands, 2000).reshape(40, 2000).mean(axis=1)
-    np.testing.assert_allclose(forces(CHAINS[name], commands), expected, rtol=0, atol=5e-3)
     commands, real = 6.0 * rng.normal(size=40), CHAINS[name]
-    fine, (_, drive) = fine_chain(real, commands, 2000), driven(real, commands)
+    fine, (means, drive) = fine_chain(real, commands, 2000), driven(real, commands)
+    np.testing.assert_allclose(means, fine.reshape(40, 2000).mean(axis=1), rtol=0, atol=5e-3)
     assert drive["max_force"] == pytest.approx(np.abs(fine).max(), rel=1e-3)
     assert drive["force_squared"] == pytest.approx((fine**2).mean() * 40, rel=2e-3)
     variation = np.abs(np.diff(fine, prepend=0.0)).sum()
