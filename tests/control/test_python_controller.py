@@ -202,23 +202,6 @@ def test_a_first_call_that_hangs_is_not_awaited_again():
         pickle.loads(pickle.dumps(own)).command(0.0, STATE, ASSUMED)
 
 
-@pytest.mark.slow
-def test_the_limit_is_an_option_that_reaches_the_workers(module, tmp_path, capsys):
-    module(
-        "slow_mine",
-        "import time\ndef force(t, state, belief):\n"
-        "    time.sleep(0.15 if 0.045 < t < 0.055 else 0.0)\n    return -60.0 * state[1]\n",
-    )
-    short = "duration = 0.1\nimperfections.control_period = 0.01\nranges.phi = [0.0, 0.01]\n"
-    (tmp_path / "short.toml").write_text(short)
-    study = ["montecarlo", "short.toml", "--samples", "41", "--no-worst-case", "--no-page"]
-    option = ["--controllers", "slow_mine:force", "--workers", "2", "--out"]
-    assert main([*study, *option, "out", "--call-limit", "0.05"]) == 0, capsys.readouterr().err
-    result = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
-    assert result["command"].endswith("--no-worst-case --call-limit 0.05")
-    assert [row["failure"] for row in result["rows"]] == ["controller failed"] * 41
-
-
 COMMANDS = "simulate compare thresholds montecarlo attraction margins validate render view"
 
 

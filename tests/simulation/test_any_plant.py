@@ -205,8 +205,7 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
         return 0.0, 0.0
 
     run = afl.simulate_mujoco(scenario, off)
-    for other in (afl.simulate_mujoco(scenario, off, "exact"), afl.simulate_ode(scenario, off)):
-        assert np.abs(run.state - other.state).max() < 1e-11
+    assert np.abs(run.state - afl.simulate_ode(scenario, off).state).max() < 1e-11
     # nothing pushes sideways: the momentum along x of frame and load stays while the load is on
     x_dot, swing = run.state[:, 4], run.parameters["length"] * run.state[:, 7]
     load = run.parameters["load"]

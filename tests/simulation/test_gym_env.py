@@ -15,7 +15,9 @@ from gymnasium.vector import SyncVectorEnv
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.gym_env.environment import (
     CONTROL_PERIOD,
@@ -182,6 +184,8 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     assert len({info["sample"] for _, info in first}) == 3
     scenario = environment.unwrapped.scenario
     assert scenario.name == first[-1][1]["sample"]
+    index = int(scenario.name.split("-")[-1])
+    assert scenario == sample_scenario(SampleSpace(LABORATORY), index, 0)
     assert scenario.imperfections.at("dry_friction.z") > 0.0
     ours = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0", scaled=False)
     seen, _ = ours.reset(seed=1)

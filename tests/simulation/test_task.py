@@ -13,8 +13,6 @@ from dm_env import test_utils
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.scenario.catalogue import LABORATORY
-from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.simulation.task import controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests.engine import episode
@@ -66,23 +64,6 @@ def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
         np.testing.assert_array_equal(states[:count], reference.state[::hold][:count])
         assert count > 100 and np.abs(reference.force[~np.isnan(reference.force)]).max() > 1.0
     assert not np.array_equal(step.observation["position"], states[-1][:2])  # it is measured
-
-
-def test_each_episode_can_be_another_sample_of_the_scenarios_ranges():
-    environment = afl.load("laboratory", randomize=True, random=3, control_period=0.02)
-    names = []
-    for _ in range(4):
-        step = environment.reset()
-        scenario = environment.physics.scenario
-        names.append(scenario.name)
-        index = int(scenario.name.split("-")[-1])
-        assert scenario == sample_scenario(SampleSpace(LABORATORY), index, 0)
-        plant = scenario.parameters_at(0.0)
-        assert step.observation["parameters"].tolist() == [plant.cart_mass, plant.half_length]
-    assert len(set(names)) == 4
-    again = afl.load("laboratory", randomize=True, random=3, control_period=0.02)
-    again.reset()
-    assert again.physics.scenario.name == names[0]
 
 
 def test_the_parameters_that_are_observed_are_those_a_controller_is_told():
