@@ -141,11 +141,8 @@ def test_two_plants_of_one_file_have_equations_of_their_own() -> None:
         )  # fmt: skip
 
     plants = [made(free), made(walled)]
-    runs = [
-        afl.simulate_ode(afl.Scenario(name="s", plant=plant, duration=3.0), lambda *_: 1.0)
-        for plant in (*plants, *reversed(plants))
-    ]
-    ends = [float(run.state[-1, 0]) for run in runs]
+    scenarios = [afl.Scenario(name="s", plant=plant, duration=3.0) for plant in plants]
+    ends = [afl.simulate_ode(x, lambda *_: 1.0).state[-1, 0] for x in scenarios + scenarios[::-1]]
     assert ends[0] == ends[3] == pytest.approx(4.5)
     assert ends[1] == ends[2] < 1.7
 

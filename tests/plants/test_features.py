@@ -31,7 +31,6 @@ REFUSED = {
          'conaffinity="0"/></body></worldbody>'),
         ('    return {', '    return {"geom plate size 0": p.length, ')),
     "<compiler inertiafromgeom> must be": (("angle=", 'inertiafromgeom="true" angle='),),
-    "<compiler boundmass> must be": (("angle=", 'boundmass="0.01" angle='),),
     "<inertial fullinertia> of body 'arm' must be": (
         ('<inertial pos="0 0 .2" mass="1" diaginertia=".1 .1 .1"/>',
          '<inertial pos="0 0 .2" mass="1" fullinertia=".1 .1 .1 0 0 0"/>'),),

@@ -35,8 +35,6 @@ MISTAKES = {
         "I - m r^2 of body upper"),
     "inertia of the ball left out": (QUAD, " + 0.4 * p.load * RADIUS**2", "",
         "inertia of body cable is missing"),
-    "inertia of a shell": (QUAD, "0.4 * p.load * RADIUS", "2 / 3 * p.load * RADIUS",
-        "inertia of body cable is 1.66667 times"),
     "rod about its middle": (CART, "(m1 / 3 + m2 + m3) * r**2", "(m1 / 12 + m2 + m3) * r**2",
         "body lower"),
     "centre of mass at the tip": (QUAD, "center=(0.0, 0.0, -p.length)",
@@ -93,16 +91,12 @@ MISTAKES = {
         "d = m * l * v[1] ** 2 * s, m * g * s, ", "which is not 1: the determinant?"),
     "gravity missing from z": (PAPER, "(w * c + ", "(0.0 * c + ",
         "gravity in the acceleration of z is missing"),
-    "stale mass": (PAPER, "p.cart_mass,", "1.0,",
-        "stale constant: the equations have cart_mass = 1 "),
     "length for half the length": (PAPER, "p.half_length", "2.0 * p.half_length",
         "the length of body pole"),
     "angle from hanging down": (PAPER, "sin(q[1]), cos(q[1])", "-sin(q[1]), -cos(q[1])",
         "centre of mass of body pole"),
     "angle to the other side": (PAPER, "q[1]), u[0]", "q[1]), -u[0]",
         "gear of input force has the other sign"),
-    "degrees in accelerations": (PAPER, "    s, c", "    q = 57.29577951308232 * q\n    s, c",
-        "phi is in degrees"),
 }  # fmt: skip
 
 ABSOLUTE = (  # a cart and two links as if the angle of the second were from upright too

@@ -100,7 +100,7 @@ def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters
 
 
 @pytest.mark.parametrize("before", PASSIVE.values(), ids=PASSIVE)
-@pytest.mark.parametrize("after", [IDEAL, *PASSIVE.values()], ids=["ideal", *PASSIVE])
+@pytest.mark.parametrize("after", [IDEAL, PASSIVE["stops"]], ids=["ideal", "stops"])
 def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
     used = CartPoleModel(CartPoleParameters(), imperfections=before)
     used.set_imperfections(after)
