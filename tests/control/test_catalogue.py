@@ -69,7 +69,7 @@ def test_unknown_names_are_answered_and_the_informed_alone_have_an_estimated_twi
         twin = afl.find_controller(f"{name}-estimated")
         assert (twin.name, twin.controller) == (f"{name}-estimated", afl.CONTROLLERS[name])
         assert twin.name not in afl.CONTROLLERS
-    for name in ("adaptive-nominal-estimated", "pid-estimated", "-estimated"):
+    for name in ("adaptive-nominal-estimated", "-estimated"):
         with pytest.raises(UnknownNameError, match=rf", got '{name}'"):
             afl.find_controller(name)
 

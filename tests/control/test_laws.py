@@ -1,7 +1,5 @@
 """A controller along a segment is the controller at each of its instants."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -11,8 +9,8 @@ from afl_mujoco.control import controller as form
 from afl_mujoco.control.controller import Laws, command
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
+from tests.plants.plants import known
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
 RAMPS = {
     "load": afl.piecewise_linear((0.1, 1.3), (0.01, 0.09)),
     "length": afl.piecewise_linear((0.2, 1.1), (0.45, 0.8)),
@@ -20,9 +18,8 @@ RAMPS = {
 
 
 def test_gains_along_ramps_are_those_of_the_parameters_of_each_instant() -> None:
-    given = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
-    asked = afl.Requirements(target={"z": 1.0}, max={"pitch": 0.5, "left": 12.0, "right": 12.0})
-    what = {"plant": given.plant, "schedule": RAMPS, "requirements": asked, "duration": 2.0}
+    plant, asked = known("quadrotor_load.py:plant"), afl.Requirements(target={"z": 1.0})
+    what = {"plant": plant, "schedule": RAMPS, "requirements": asked, "duration": 2.0}
     scenario = afl.Scenario(name="ramps", **what)
     controller = bound(afl.CONTROLLERS["lqr"], scenario)
     state, found = np.linspace(-0.3, 0.4, 8), np.empty(2)

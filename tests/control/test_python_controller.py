@@ -184,13 +184,15 @@ class SlowAtFirst:
         return -60.0 * state[1]
 
 
-@pytest.mark.parametrize("kind", ["a stateless instance", "an instance", "a class"])
-def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, kind):
-    forgetful = type("Mine", (SlowAtFirst,), {"stateless": kind == "a stateless instance"})
-    own = controller_of(forgetful if kind == "a class" else forgetful(), call_limit=0.1)
-    short = replace(smooth_scenario, duration=0.02)
-    for simulate in SIMULATORS.values() if forgetful.stateless else 2 * [SIMULATORS["sampled"]]:
-        assert simulate(short, own).outcome.kind == "completed"
+@pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=list(SIMULATORS))
+def test_a_first_call_may_take_longer_than_the_others(smooth_scenario, simulate):
+    short, forgetful = replace(smooth_scenario, duration=0.02), type("Mine", (SlowAtFirst,), {})
+    stateless = type("Mine", (SlowAtFirst,), {"stateless": True})
+    stateful = (forgetful, forgetful()) if simulate is SIMULATORS["sampled"] else ()
+    for given in (stateless(), *stateful):  # of a run, if it remembers
+        own = controller_of(given, call_limit=0.1)
+        for _ in range(2):
+            assert simulate(short, own).outcome.kind == "completed"
 
 
 def test_a_first_call_that_hangs_is_not_awaited_again():
@@ -213,20 +215,22 @@ def test_every_command_that_runs_controllers_has_a_limit(command, capsys):
 
 
 def test_a_comparison_has_the_limit_as_an_argument(smooth_scenario):
-    own, short = SlowAtFirst(0.15), replace(smooth_scenario, duration=0.005)
-    slow = lambda time, *of: own(time, *of) if time > 0.0 else 0.0  # noqa: E731
+    def slow(time, state, belief):
+        return clock.sleep(0.15 if time > 0.0 else 0.0) or 0.0
+
+    short = replace(smooth_scenario, duration=0.005)
     (row,) = afl.compare(short, slow, control_period=0.004, call_limit=0.05).rows
-    assert (
-        row.ending == "failed: must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
-    )
+    said = "must answer within 0.05 s (--call-limit), but did not at t = 0.004 s"
+    assert row.ending == f"failed: {said}"
 
 
 def test_an_alarm_of_the_program_s_own_goes_on():
-    before = signal.signal(signal.SIGALRM, lambda *_: None)
+    before = signal.signal(signal.SIGALRM, own := lambda *_: None)
     try:
         signal.setitimer(signal.ITIMER_REAL, 20.0)
         assert controller_of(lambda *_: 1.0).command(0.0, np.zeros(4), ASSUMED) == 1.0
         assert 0.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 20.0
+        assert signal.getsignal(signal.SIGALRM) is own
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)

@@ -119,11 +119,16 @@ FURUTA = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 
 
 FURUTA_PLANT = Plant(
-    name="furuta", model=FURUTA, coordinates=("arm", "pole"), inputs=("u",),
-    parameters={"pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
-                "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5)},
+    name="furuta",
+    model=FURUTA,
+    coordinates=("arm", "pole"),
+    inputs=("u",),
+    parameters={
+        "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
+        "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
+    },
     write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
-)  # fmt: skip
+)
 DERIVED = {
     "cart-double-pendulum": (cart_double_pendulum, known("cart_double_pendulum.py:plant")),
     "furuta": (furuta, FURUTA_PLANT),

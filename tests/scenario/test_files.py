@@ -104,10 +104,16 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     assert "\n" not in said
 
 
-@pytest.mark.parametrize("run", [
-    afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_rk4, afl.simulate_ode_held,
-    lambda scenario, controller: afl.run_all(controller, scenario)[0],
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "run",
+    [
+        afl.simulate_mujoco,
+        afl.simulate_ode,
+        afl.simulate_ode_rk4,
+        afl.simulate_ode_held,
+        lambda scenario, controller: afl.run_all(controller, scenario)[0],
+    ],
+)
 def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     scenario = afl.Scenario(name="mine", duration=0.02)
     afl.save_scenario(scenario, path := tmp_path / "mine.toml")

@@ -57,7 +57,7 @@ SIMULATORS = {
 
 
 @pytest.mark.parametrize("simulate", SIMULATORS.values(), ids=SIMULATORS)
-def test_what_would_ignore_imperfections_refuses_each_of_them(simulate):
+def test_what_would_ignore_imperfections_refuses_it(simulate):
     said = line("scenario 'mine' has imperfections, which only mode \"sampled\" simulates: ", ...)
     for name in FIELDS:
         real = Imperfections(**{name: getattr(REAL, name)})

@@ -19,8 +19,10 @@ def test_segments_cover_the_horizon_and_part_at_schedules_and_disturbances(odd_s
     assert [s.end for s in segments[:-1]] == [s.start for s in segments[1:]]
     assert all(s.start < s.end for s in segments)
     assert tuple(s.start for s in segments[1:]) == odd_scenario.breakpoints
-    schedule = {"cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
-                "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4)}  # fmt: skip
+    schedule = {
+        "cart_mass": staircase((1.0, 30.0), (1.0, 2.0, 3.0)),
+        "half_length": trapezoid((0.0, 1.0, 4.0, 5.0), 0.2, 0.4),
+    }
     hits = (PULSE, afl.Impulse(momentum=1.0, time=3.0))
     scenario = Scenario(name="x", schedule=schedule, disturbances=hits)
     assert scenario.breakpoints == (1.0, 2.0, 2.5, 3.0, 4.0, 5.0)

@@ -8,16 +8,15 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
+from tests.plants.plants import EXAMPLES, known
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-QUADROTOR = load_plant(f"{EXAMPLES}/quadrotor_load.py:plant")
+QUADROTOR = known("quadrotor_load.py:plant")
 HIT = afl.Impulse(momentum=1.0, time=1.0, coordinate="z")
 
 RENAMED = """

@@ -35,9 +35,9 @@ def _arrays(model):
     return {name: value for name, value in every.items() if isinstance(value, np.ndarray)}
 
 
-@pytest.mark.parametrize(("file", "edit"), [
-    ("cartpole.xml", None), ("scene.xml", _friction_limits_and_contact),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("file", "edit"), [("cartpole.xml", None), ("scene.xml", _friction_limits_and_contact)]
+)
 def test_a_mutated_model_equals_a_freshly_compiled_one_in_every_array(file, edit, plants):
     mutated = CartPoleModel(plants[0], file=file, edit=edit)
     for p in plants[1:]:

@@ -10,7 +10,6 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import label_of
-from afl_mujoco.simulation.trajectory import Layout, deviation
 from tests.plants.plants import known
 
 PENDULUM = afl.Plant(
@@ -65,14 +64,6 @@ def test_a_fall_inside_a_control_period_ends_an_episode_as_it_ends_a_run() -> No
         shape = world.action_space.shape
         ended = [bool(world.step(np.zeros(shape))[2]) for _ in range(11)]
         assert ended == [*[False] * 10, True]
-
-
-def test_a_deviation_is_the_same_of_a_scenario_of_a_run_and_in_compiled_loops(rng) -> None:
-    layout = Layout.of(NEAR)
-    for x in rng.uniform(-6.0, 9.0, 50):
-        away = deviation(x, math.pi, True)
-        assert NEAR.away("angle", x) == pytest.approx(away, abs=1e-14)
-        assert layout.away(np.array([[x, 0.0]]))[0, 0] == pytest.approx(away, abs=1e-14)
 
 
 def test_starts_are_measured_from_the_target_the_shorter_way() -> None:

@@ -139,9 +139,10 @@ def test_a_jump_that_keeps_momenta_is_not_said_to_keep_velocities() -> None:
 def test_a_rail_is_drawn_of_slides_that_are_fixed_in_the_world_alone() -> None:
     slide, hinge = '<joint name="s" type="slide" axis="1 0 0"/>', '<joint name="h" axis="0 1 0"/>'
     for joints, names, mount, railed in (
-        (slide + hinge, ("s", "h"), "", [0]), (hinge + slide, ("h", "s"), "", []),  # it turns
+        (slide + hinge, ("s", "h"), "", [0]),
+        (hinge + slide, ("h", "s"), "", []),  # it turns
         (slide, ("s",), '<body pos="0 0 1">', [0]),
-    ):  # fmt: skip
+    ):
         tree = f'{mount}<body>{joints}<geom size=".1"/></body>{"</body>" if mount else ""}'
         model = f"<mujoco><worldbody>{tree}</worldbody></mujoco>"
         plant = afl.Plant(name="tree", model=model, coordinates=names)

@@ -113,8 +113,10 @@ def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, ada
 
 
 def test_assumed_parameters_can_be_late_and_wrong():
-    schedule = {"cart_mass": afl.staircase((0.05,), (1.0, 2.0)),
-                "half_length": afl.piecewise_linear((0.0, 0.1), (0.4, 0.5))}  # fmt: skip
+    schedule = {
+        "cart_mass": afl.staircase((0.05,), (1.0, 2.0)),
+        "half_length": afl.piecewise_linear((0.0, 0.1), (0.4, 0.5)),
+    }
     wrong = {"cart_mass": {"error": 0.1}, "half_length": {"error": -0.2}}
     late = Imperfections(parameter_delay=0.03)
     what = {"schedule": schedule, "imperfections": late, "belief": wrong, "duration": 0.2}
