@@ -125,10 +125,10 @@ def test_between_the_nodes_the_gains_are_the_plant_s_whoever_else_was_asked_for(
         model = design.upright_model(p) if kind == LINEAR else partial
         poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
         assert poles.real.max() < -0.2
-    box = PlantRange((0.1, 2.0), (0.05, 1.0), 0.05, 9.81)
+    box = PlantRange((0.5, 2.0), (0.25, 1.0), 0.05, 9.81)
     whole = how.over(box)
-    nodes = [2.0 ** (k / 4.0) for k in range(-12, 1)]  # at a node, and a hair off it
-    pairs = [*rng.uniform([0.1, 0.05], [2.0, 1.0], (6, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
+    nodes = [2.0 ** (k / 4.0) for k in range(-4, 1)]  # at a node, and a hair off it
+    pairs = [*rng.uniform([0.5, 0.25], [2.0, 1.0], (6, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
     pairs += [(np.nextafter(x, 0.0), np.nextafter(x, 9.0)) for x in nodes[:-1]]
     for mass, length in pairs:
         alone = window(name, afl.CartPoleParameters(cart_mass=mass, half_length=length))

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 import scipy.linalg
 import scipy.stats
-from numba import njit
 
 import afl_mujoco as afl
+from afl_mujoco.compiled import kernel
 from afl_mujoco.control import estimator
 from afl_mujoco.control.estimator import EstimatorSettings, fill_transition, linearise
 from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
@@ -87,7 +87,7 @@ class Textbook:
         self.said = [*np.exp(self.x[4:]), *self.x[2:4], self.nis]
 
 
-@njit
+@kernel
 def along(memory, settings, measured, forces, dt):
     """Estimates, velocities and nis after each period of a run, shape (N, 5)."""
     out = np.empty((len(measured), 5))
