@@ -22,18 +22,27 @@ REFUSED = {
         (MOTOR, '<position name="torque" joint="arm" kp="1"/>'),),
     "fluid .*density": (("<worldbody>", '<option density="1.2"/><worldbody>'),),
     "joint 'arm' must be .*: free and ball": ((ARM, '<joint name="arm" type="ball"/>'),),
+    "mocap body .*mocap": (
+        ("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
     "flex .*deformable": (
         ("</worldbody>",
          '<flexcomp name="f" type="grid" count="2 2 1" mass="1" radius=".01" rigid="true">'
          '<contact contype="0" conaffinity="0"/></flexcomp></worldbody>'),),
+    "armature of actuator 'torque'": ((MOTOR, '<motor name="torque" joint="arm" armature="1"/>'),),
+    "switched off group of actuators .*actuatorgroupdisable": (
+        ("<worldbody>", '<option actuatorgroupdisable="0"/><worldbody>'),),
     "body 'fixed' must have an <inertial>, .*got geom 'plate'": (
         ("</worldbody>", '<body name="fixed"><geom name="plate" size=".1" contype="0" '
          'conaffinity="0"/></body></worldbody>'),
         ('    return {', '    return {"geom plate size 0": p.length, ')),
     "<compiler inertiafromgeom> must be": (("angle=", 'inertiafromgeom="true" angle='),),
+    "<compiler boundmass> must be": (("angle=", 'boundmass="0.01" angle='),),
+    "<compiler settotalmass> must be": (("angle=", 'settotalmass="3" angle='),),
+    "<compiler balanceinertia> must be": (("angle=", 'balanceinertia="true" angle='),),
     "<inertial fullinertia> of body 'arm' must be": (
         ('<inertial pos="0 0 .2" mass="1" diaginertia=".1 .1 .1"/>',
          '<inertial pos="0 0 .2" mass="1" fullinertia=".1 .1 .1 0 0 0"/>'),),
+    "<joint 'arm' springdamper> must be": ((ARM, ARM.replace("/>", ' springdamper="1 1"/>')),),
     "write: body tip pos 2 must be in the model as it is written": (
         ('<body name="tip"', '<frame pos="0 0 .1"><body name="tip"'),
         ("</body></body></worldbody>", "</body></frame></body></worldbody>")),

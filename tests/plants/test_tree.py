@@ -1,15 +1,18 @@
 """The tree reference against SymPy's derivations, MuJoCo, and finite differences."""
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
 import sympy as sp
 
 import afl_mujoco as afl
-from afl_mujoco.plants.plant import Plant
+from afl_mujoco.plants.plant import Plant, load_plant
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
-from tests.plants.plants import known
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
 
 SPATIAL = """<mujoco><compiler angle="radian"/><option gravity="0.3 -0.2 -9.7"/><worldbody>
 <body name="base" pos=".1 .2 .3" quat=".8 .2 -.4 .4">
@@ -44,10 +47,9 @@ def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
         engine, own = model.at(q, v, u), terms_of(tree, q, v)
         for its, mine in zip(engine[:3], own[:3], strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())
-    near, far = (
-        tree,
-        Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0))),
-    )
+    near = Tree(**made(SPATIAL).tree(np.empty(0)))
+    far = Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0)))
+    rng = np.random.default_rng(0)
     for _ in range(10):
         q, v = rng.uniform(-3, 3, 4), rng.uniform(-5, 5, 4)
         here, there = terms_of(near, q, v), terms_of(far, q, v)
@@ -55,6 +57,47 @@ def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
             np.testing.assert_allclose(other, one, rtol=0, atol=1e-10 * np.abs(one).max())
         lift = -near.gravity[0] * near.body_mass[1:].sum() * (1e4 - 0.1)
         assert there.energy - here.energy == pytest.approx([0.0, lift], abs=1e-8 * abs(lift))
+
+
+def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() -> None:
+    """M and h by finite differences of where MuJoCo puts bodies, so not by any recursion."""
+    model = made(SPATIAL)
+    m, d = model.mj_model, model.mj_data
+    tree, rng = Tree(**model.tree(np.empty(0))), np.random.default_rng(1)
+    q, v, eps = rng.uniform(-1, 1, 4), rng.uniform(-1, 1, 4), 1e-4
+
+    def lagrangian(q: np.ndarray, v: np.ndarray) -> float:
+        def places(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            d.qpos[:] = q
+            mujoco.mj_kinematics(m, d)
+            return d.xipos.copy(), d.ximat.reshape(-1, 3, 3).copy()
+
+        (x, r), (y, s), (z, t) = places(q), places(q + eps * v), places(q - eps * v)
+        speed, turn = (y - z) / (2 * eps), np.swapaxes(r, 1, 2) @ (s - t) / (2 * eps)
+        spin = np.stack([turn[:, 2, 1], turn[:, 0, 2], turn[:, 1, 0]], axis=1)
+        kinetic = 0.5 * (m.body_mass * (speed**2).sum(1) + (m.body_inertia * spin**2).sum(1))
+        weight = m.body_mass @ (x @ m.opt.gravity)
+        spring = 0.5 * np.sum(m.jnt_stiffness.reshape(4, -1)[:, 0] * (q - m.qpos_spring) ** 2)
+        armature = 0.5 * np.sum(m.dof_armature * v**2)
+        return float(kinetic.sum() + armature + weight - spring)
+
+    unit, step = np.eye(4), 1e-2
+    first = [lagrangian(q + 1e-4 * e, v) - lagrangian(q - 1e-4 * e, v) for e in unit]
+
+    def momentum(q: np.ndarray) -> np.ndarray:
+        found = [lagrangian(q, v + step * e) - lagrangian(q, v - step * e) for e in unit]
+        return np.array(found) / (2 * step)
+
+    rate = (momentum(q + 1e-4 * v) - momentum(q - 1e-4 * v)) / 2e-4
+    bias = rate - np.array(first) / 2e-4 + m.dof_damping * v
+    np.testing.assert_allclose(terms_of(tree, q, v).bias, bias, rtol=0, atol=2e-5)
+    mass = [
+        (lagrangian(q, unit[i] + unit[j]) - lagrangian(q, unit[i]) - lagrangian(q, unit[j]))
+        + lagrangian(q, 0 * q)
+        for i in range(4) for j in range(4)
+    ]  # fmt: skip
+    expected = np.reshape(mass, (4, 4)) + 0.0
+    np.testing.assert_allclose(terms_of(tree, q, v).mass, expected, rtol=0, atol=1e-6)
 
 
 T = sp.Symbol("t")
@@ -96,6 +139,19 @@ def cart_double_pendulum():
     return derived(kinetic + spin / 2, potential, q, [f - z.diff(T) / 10, 0, 0], [f]), q, [f], p
 
 
+def quadrotor_load():
+    x, z, pitch, a = q = dynamic("x z pitch a")
+    left, right, *p = sp.symbols("left right mass inertia load length gravity")
+    m, i, ml, r, g = p
+    at = (x + r * sp.sin(a), z - r * sp.cos(a))
+    kinetic = m * (x.diff(T) ** 2 + z.diff(T) ** 2) / 2 + i * pitch.diff(T) ** 2 / 2
+    kinetic += ml * sum(c.diff(T) ** 2 for c in at) / 2
+    kinetic += sp.Rational(2, 5) * ml * sp.Rational(36, 10**4) * a.diff(T) ** 2 / 2
+    thrust, torque = left + right, (right - left) / 5
+    work = [-sp.sin(pitch) * thrust, sp.cos(pitch) * thrust, torque, 0]
+    return derived(kinetic, m * g * z + ml * g * at[1], q, work, [left, right]), q, [left, right], p
+
+
 def furuta():
     arm, pole = q = dynamic("arm pole")
     u, *p = sp.symbols("u pole_mass pole_length")
@@ -118,32 +174,38 @@ FURUTA = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <actuator><motor name="u" joint="arm"/></actuator></mujoco>"""
 
 
-FURUTA_PLANT = Plant(
-    name="furuta",
-    model=FURUTA,
-    coordinates=("arm", "pole"),
-    inputs=("u",),
-    parameters={
-        "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
-        "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
-    },
-    write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
-)
+def furuta_plant(**equations) -> Plant:
+    return Plant(
+        name="furuta",
+        model=FURUTA,
+        coordinates=("arm", "pole"),
+        inputs=("u",),
+        parameters={
+            "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
+            "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
+        },
+        write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
+        **equations,
+    )
+
+
 DERIVED = {
-    "cart-double-pendulum": (cart_double_pendulum, known("cart_double_pendulum.py:plant")),
-    "furuta": (furuta, FURUTA_PLANT),
-}
+    "cart-double-pendulum": (
+        cart_double_pendulum, lambda: load_plant("cart_double_pendulum.py:plant", EXAMPLES)),
+    "quadrotor-load": (quadrotor_load, lambda: load_plant("quadrotor_load.py:plant", EXAMPLES)),
+    "furuta": (furuta, furuta_plant),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", DERIVED)
 def test_the_tree_is_what_sympy_derives_from_the_lagrangian(name: str) -> None:
-    derivation, plant = DERIVED[name]
-    (mass, forcing, v), q, u, p = derivation()
+    derivation, plant_of = DERIVED[name]
+    ((mass, forcing, v), q, u, p), plant = derivation(), plant_of()
     terms = afl.from_sympy(mass, forcing, q, v, u, p)
     model, rng = PlantModel(plant, compared=True), np.random.default_rng(2)
     n, k = len(q), len(u)
     low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
-    for _ in range(20):
+    for _ in range(50):
         at, rate, values = rng.uniform(-3, 3, n), rng.uniform(-5, 5, n), rng.uniform(low, high)
         own = terms_of(Tree(**model.tree(model.rows(values)[0])), at, rate)
         given = zip(terms(at, rate, plant.named(values)), ((n, n), (n,), (n, k)), strict=True)

@@ -97,6 +97,12 @@ def test_a_write_that_changes_what_it_is_given_is_refused(tmp_path) -> None:
         PlantModel(plant).rows(drawn(plant, 50))
 
 
+def test_a_write_that_is_random_is_refused(tmp_path) -> None:
+    change = ("p.length / 2,", "p.length / 2 * __import__('random').random(),")
+    with pytest.raises(afl.AflMujocoError, match=r"^write must return the same for the same p"):
+        PlantModel(small(tmp_path, change))
+
+
 def test_a_write_that_sums_over_arrays_is_not_believed(tmp_path) -> None:
     sums = ("p.length / 2,", "float(__import__('numpy').sum(p.length)) / 2,")
     plant = small(tmp_path, sums)

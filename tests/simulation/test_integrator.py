@@ -109,6 +109,12 @@ def test_a_loop_that_ends_in_no_number_has_diverged_before(method):
     assert np.isfinite(run.state).all()
 
 
+def test_a_method_that_cannot_go_on_is_said_so_in_one_line():
+    lean = afl.Scenario(name="lean", initial_state={"phi": 0.1}, duration=0.5)
+    with pytest.raises(afl.AflMujocoError, match=r"^method must be DOP853, RK45 or LSODA where"):
+        afl.simulate_ode(lean, lambda t, x, b: np.nan if x[1] > 0.2 else 0.0, method="Radau")
+
+
 def test_steps_are_scipys_at_a_loose_tolerance_and_on_mujocos_dynamics():
     # where the error control decides: another step size would be seen
     controller, tolerances = afl.CONTROLLERS["adaptive"], {"rtol": 1e-5, "atol": 1e-7}

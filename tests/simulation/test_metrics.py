@@ -103,3 +103,13 @@ def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.Monkey
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(afl.AflMujocoError, match="pandas must be installed: pip install pandas"):
         run.to_pandas()
+
+
+def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
+    controller = afl.CONTROLLERS["lqr"]
+    short = afl.Scenario(name="<short>", duration=1.0)
+    run = afl.simulate_mujoco(short, controller, "sampled")
+    expected = metrics(short, controller, run)
+    assert run.metrics == {k: v for k, v in expected.items() if k != "saturated_share"}
+    assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
+    assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]

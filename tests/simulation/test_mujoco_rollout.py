@@ -127,3 +127,16 @@ def test_friction_and_a_table_that_an_edit_adds_act() -> None:
         for edit in (None, lay)
     ]
     assert ends == ["fell", "completed"]
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+def test_the_other_integrators_are_of_order_one(integrator, smooth_scenario, adaptive):
+    errors = []
+    for h in (2e-3, 1e-3, 5e-4):
+        run = afl.simulate_mujoco(
+            smooth_scenario, adaptive, "sampled",
+            timestep=h, control_period=2e-3, integrator=integrator,
+        )  # fmt: skip
+        held = afl.simulate_ode_held(smooth_scenario, adaptive, timestep=h, control_period=2e-3)
+        errors.append(np.abs(run.state[-1] - held.state[-1]).max())
+    assert 0.9 <= np.polyfit(np.log((2e-3, 1e-3, 5e-4)), np.log(errors), 1)[0] <= 1.1  # A4

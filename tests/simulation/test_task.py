@@ -167,6 +167,7 @@ def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
     ({"scenario": "nowhere"}, "scenario must be one of nominal"),
     ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
+    ({"random": 1.5}, "random must be a whole number, got 1.5"),
     ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, message):

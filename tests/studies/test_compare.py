@@ -11,6 +11,7 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
+from tests.plants.plants import known
 
 RIG = """
 name = "rig"
@@ -87,6 +88,14 @@ def test_remarks_are_of_gains_beyond_their_table_and_of_end_stops(result) -> Non
         scenario = replace(afl.SCENARIOS["nominal"], duration=2.0, imperfections=rail)
         found = compare(scenario, "fixed").remarks
         assert bool(found) == bool(remark) and remark in str(found)
+
+
+@pytest.mark.parametrize(("period", "told"), [(0.005, False), (0.02, True)])
+def test_an_lqr_that_is_too_fast_for_held_inputs_is_remarked_on(period, told) -> None:
+    plant, held = known("double_pendulum.py:plant"), Imperfections(control_period=period)
+    scenario = afl.Scenario(name="two", plant=plant, duration=0.2, imperfections=held)
+    remarks = str(compare(scenario, "lqr").remarks)
+    assert ("its linear loop is unstable with inputs held for 20 ms" in remarks) == told
 
 
 def test_a_comparison_says_in_print_and_in_a_notebook_who_meets_what(result) -> None:

@@ -9,7 +9,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import ControllerDomainError, InvalidValueError
-from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
 from tests.engine import jump as jump_of
 from tests.feedback import force_of
@@ -175,3 +175,12 @@ def test_a_real_run_is_replayed_by_its_file_and_forgets_others(odd_scenario, ada
     data.qfrc_applied[:], data.ctrl[:], data.time = 3.0, 4.0, 5.0
     data.xfrc_applied[:] = 6.0
     assert same(*(simulate_sampled(scenario, adaptive, model=one) for one in (used, fresh)))
+
+
+@pytest.mark.parametrize("imperfections", [IDEAL, REAL], ids=["ideal", "real"])
+def test_a_python_controller_gives_the_compiled_one_s_bits(odd_scenario, controller, imperfections):
+    scenario = replace(odd_scenario, imperfections=imperfections)
+    compiled = afl.simulate_mujoco(scenario, controller, "sampled")
+    mine = in_python(lambda time, state, belief: force_of(controller, state, belief))
+    assert same(afl.simulate_mujoco(scenario, mine, "sampled"), compiled)
+    assert compiled.outcome.kind == "completed"
