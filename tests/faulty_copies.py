@@ -72,7 +72,7 @@ class Copies:
         self.pristine = scratch / "pristine"
         _copy(REPOSITORY, self.pristine)
         self._ran = ran_at_import(self.pristine)
-        packages = (self.pristine / name for name in ("afl_mujoco", "research"))
+        packages = (self.pristine / name for name in ("afl_mujoco", "research", "tests"))
         for source in (file for package in packages for file in package.rglob("*.py")):
             self._write_outline(self.pristine, source.relative_to(self.pristine))
         compiled = self.pristine / COMPILED
