@@ -14,6 +14,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
+from afl_mujoco.control.plant_feedback import LinearFeedback
 from afl_mujoco.errors import AflMujocoError, UnknownNameError, require_count
 from afl_mujoco.report.blocks import Block, Figure, Report, Section
 from afl_mujoco.report.markdown import plain
@@ -35,7 +36,7 @@ from afl_mujoco.studies.shared.contract import (
     counted,
     silent,
 )  # fmt: skip
-from afl_mujoco.studies.shared.loop_margins import outruns_hold
+from afl_mujoco.studies.shared.loop_margins import linearize, stable_as_held
 from afl_mujoco.studies.shared.robustness import require_runs
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_kept
 from afl_mujoco.studies.shared.tables import (
@@ -322,7 +323,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
             said = (*remarks_on(first, scenario, controller), *_held(scenario, controller, first))
-            remarks |= {key: said} if said else {}
+            if said:
+                remarks[key] = said
             curves[key] = Curves(
                 time=first.time, state=first.state, force=first.input, command=first.command,
                 signals=dict(first.signals),
@@ -336,14 +338,15 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
 
 def _held(scenario: Scenario, controller: Controller, run: Trajectory) -> Iterator[str]:
     """Remark on an LQR, which is designed for continuous time, where the hardware is too slow."""
-    period = run.control_period
-    if controller.name != "lqr" or period is None:
+    own, period = bound(controller, scenario), run.control_period
+    if not isinstance(own, LinearFeedback) or period is None:
         return
-    with suppress(AflMujocoError):  # it is not at rest at its target
-        if outruns_hold(bound(controller, scenario), scenario, period):
+    with suppress(AflMujocoError):  # it has no linear loop where its drive cannot hold it
+        if not stable_as_held(linearize(own, scenario), period, scenario.imperfections):
             yield (
-                f"its linear loop is unstable with inputs held for {1e3 * period:.3g} ms, and late "
-                "as here: it is designed for continuous time, by weights from the requirements"
+                f"its linear loop is unstable with inputs held for {1e3 * period:.3g} ms and the "
+                "delays of the scenario: it is designed for continuous time, with weights from "
+                "the requirements"
             )
 
 

@@ -246,21 +246,18 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
 def margins_at(point: Point) -> list[Row] | AflMujocoError:
     """Return margins of the continuous and of the held loop, or why there is no linearisation."""
     _, scenario, held, varied = point
-    r = scenario.imperfections
-    linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
     try:
-        # bound where it is deployed, linearised where the loop is linear
         controller = bound(point.controller, scenario)
         if controller.estimates or (controller.interpreted and controller.stateful):
             thing = "an estimator" if controller.estimates else "a memory"
             rule = f"must not have {thing}, which a linearisation leaves out"
             raise InvalidValueError(f"controller {controller.name!r}", rule)
-        loop = linearize(controller, replace(scenario, imperfections=linear))
+        loop = linearize(controller, scenario)
     except AflMujocoError as error:
         return error
     rows = []
     for kind, period in ((CONTINUOUS, None), (HELD, held)):
-        found = loop_margins(loop, period, r)
+        found = loop_margins(loop, period, scenario.imperfections)
         for i, name in enumerate(loop.inputs):
             own = {} if found is None else asdict(found[i])
             finite = {key: x if math.isfinite(x) else None for key, x in own.items()}

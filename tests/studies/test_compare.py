@@ -95,7 +95,13 @@ def test_an_lqr_that_is_too_fast_for_held_inputs_is_remarked_on(period, told) ->
     plant, held = known("double_pendulum.py:plant"), Imperfections(control_period=period)
     scenario = afl.Scenario(name="two", plant=plant, duration=0.2, imperfections=held)
     remarks = str(compare(scenario, "lqr").remarks)
-    assert ("its linear loop is unstable with inputs held for 20 ms" in remarks) == told
+    said = f"its linear loop is unstable with inputs held for {1e3 * period:g} ms"
+    assert (said in remarks) == told
+
+    def lqr(time, state, belief):
+        return 0.0, 0.0
+
+    assert "its linear loop" not in str(compare(scenario, lqr).remarks)  # of one's own design
 
 
 def test_a_comparison_says_in_print_and_in_a_notebook_who_meets_what(result) -> None:

@@ -141,14 +141,6 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     return Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()))
 
 
-def outruns_hold(controller: Controller, scenario: Scenario, period: float) -> bool:
-    """Return whether a linear loop is unstable at its target once inputs are held and delayed."""
-    r = scenario.imperfections
-    linear = replace(linear_part(r), input_limit=r.input_limit)  # what holds it is within
-    loop = linearize(controller, replace(scenario, imperfections=linear))
-    return _radius(loop, period, r) > 1.0 + NOTHING
-
-
 def target_of(scenario: Scenario) -> Array:
     """Return the state at rest at the target of a scenario."""
     return np.array([*scenario.target, *np.zeros(len(scenario.target))])
@@ -228,7 +220,7 @@ def loop_margins(
         parts = _broken(loop.a, loop.b, loop.k)
         return [_margins(control.ss(*x, 0.0)) if x[2].any() else UNTOUCHED for x in parts]
     require_positive("control_period", period)
-    if not _radius(loop, period, r) < 1.0:
+    if not stable_as_held(loop, period, r):
         return None
     found = []
     for i, part in enumerate(_broken(*_held(loop, period, r))):
@@ -250,6 +242,11 @@ def _held(
     if r.differentiated or r.velocity_filter:
         return _measured_loop(a, b, k, period, r, loop.coordinates)
     return a, b, k
+
+
+def stable_as_held(loop: Loop, period: float, r: Imperfections) -> bool:
+    """Return whether a loop is stable with its inputs held for a period [s], and late."""
+    return _radius(loop, period, r) < 1.0
 
 
 def _radius(loop: Loop, period: float, r: Imperfections, *more: Any) -> float:
@@ -337,11 +334,12 @@ def _measured_loop(
 
 def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:
     """Return A and B of the plant over a length of time [s], its inputs held."""
-    from scipy.signal import cont2discrete
+    from scipy.linalg import expm  # what cont2discrete calls; scipy.signal takes long to import
 
     order, count = loop.b.shape
-    plant = loop.a, loop.b, np.eye(order), np.zeros((order, count))
-    a, b, *_ = cont2discrete(plant, length)
+    grown = np.zeros((order + count, order + count))
+    grown[:order] = np.hstack([loop.a, loop.b])
+    a, b = np.split(expm(length * grown)[:order], [order], axis=1)
     return np.asarray(a), np.asarray(b)
 
 
