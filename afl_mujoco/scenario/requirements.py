@@ -165,15 +165,23 @@ class Requirements(Checked):
                     hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
                     rule = f"must be at most {end:.4g} rad, where a run ends ({hint})"
                     raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
+        about = self.targets(plant)
         for name, least in found["min"].items():
-            if not least <= found["max"].get(name, math.inf):
-                rule = f"must be at most requirements.max.{name}, {found['max'][name]:g}"
+            most = about.get(name, 0.0) + found["max"].get(name, math.inf)
+            if name not in plant.wraps and not least <= most:
+                rule = f"must be at most {most:g}, the largest that requirements.max.{name} allows"
                 raise InvalidValueError(f"requirements.min.{name}", rule, f"{least:g}")
         bands = bands_of(plant)
         own = {name: band for name, band in found["bands"].items() if band != bands[name]}
         return replace(self, **{**found, "bands": ByName(own)})
 
     __repr__ = short_repr
+
+    def targets(self, plant: Plant) -> dict[str, float]:
+        """Return where coordinates, and signals with a target, should be, by name."""
+        upright = plant.upright or (0.0,) * len(plant.coordinates)
+        found = {**dict(zip(plant.coordinates, upright, strict=True)), **self.target}
+        return {name: float(x) for name, x in found.items()}
 
     def require_decidable(
         self, duration: float, disturbances: Sequence[ForcePulse | Impulse]

@@ -328,10 +328,8 @@ class Scenario:
     @property
     def target(self) -> tuple[float, ...]:
         """Where the coordinates should be: as required, else upright, else 0."""
-        own = self.plant.upright or (0.0,) * len(self.plant.coordinates)
-        asked = self.requirements.target
-        pairs = zip(self.plant.coordinates, own, strict=True)
-        return tuple(float(asked.get(name, x)) for name, x in pairs)
+        targets = self.requirements.targets(self.plant)
+        return tuple(targets[name] for name in self.plant.coordinates)
 
     @property
     def ends_at(self) -> Mapping[str, float]:
@@ -360,8 +358,7 @@ class Scenario:
 
     def about(self, name: str) -> float:
         """Return from where `max` of a state, an input, a command or a signal is measured."""
-        of_coordinates = dict(zip(self.plant.coordinates, self.target, strict=True))
-        return float(of_coordinates.get(name, self.requirements.target.get(name, 0.0)))
+        return self.requirements.targets(self.plant).get(name, 0.0)
 
     def away(self, name: str, x: float) -> float:
         """Return how far a coordinate is from its target, the shorter way where it wraps."""

@@ -252,10 +252,17 @@ def test_a_saved_scenario_finds_its_plant_from_any_folder(tmp_path: Path, monkey
     assert afl.load_scenario("deep/saved.toml").plant.name == scenario.plant.name
 
 
-def test_what_no_run_could_meet_or_no_slide_could_do_is_refused() -> None:
-    asked = afl.Requirements(min={"z": 1.0}, max={"z": 0.5})
-    with pytest.raises(InvalidValueError, match=r"min.z must be at most requirements.max.z, 0.5"):
+@pytest.mark.parametrize(("target", "least", "most"), [(0.0, 1.0, 0.5), (-5.0, 0.5, -4.0)])
+def test_a_least_value_beyond_the_largest_about_the_target_is_refused(target, least, most) -> None:
+    asked = afl.Requirements(target={"z": target}, min={"z": least}, max={"z": most - target})
+    rule = f"min.z must be at most {most:g}, the largest that requirements.max.z allows"
+    with pytest.raises(InvalidValueError, match=rule):
         afl.Scenario(name="own", plant=QUADROTOR, requirements=asked)
+    met = replace(asked, min={"z": most - 0.1})
+    assert afl.Scenario(name="own", plant=QUADROTOR, requirements=met).about("z") == target
+
+
+def test_what_no_slide_could_do_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):
         PlantModel(replace(QUADROTOR, wraps=("x",)))
 
