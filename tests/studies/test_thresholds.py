@@ -60,7 +60,10 @@ def test_an_encoder_is_judged_by_draws_of_noise_and_start_within_its_own_steps()
     expected = [afl.simulate_mujoco(one, "lqr") for one in draws]
     peaks = [run.metrics["peak_phi"] for run in runs]
     assert peaks == pytest.approx([run.metrics["peak_phi"] for run in expected])
-    assert len(robustness.run_on(unit, {"delay": 0.002})) == 1  # nothing is random
+    assert [run.draw for run in runs] == [*range(SETTINGS.seeds)]
+    both = unit._replace(scenarios=(CASE, replace(CASE, name="again")))
+    known = [(run.scenario, run.draw) for run in robustness.run_on(both, {"delay": 0.002})]
+    assert known == [(CASE.name, 0), ("again", 0)]  # nothing is random
 
 
 @pytest.mark.parametrize(("own", "put", "found"), [

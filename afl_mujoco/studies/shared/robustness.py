@@ -36,7 +36,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
-from afl_mujoco.studies.shared.run import Rows, Run, run_all
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
 from afl_mujoco.studies.shared.search import (
     Budget,
     Threshold,
@@ -247,8 +247,9 @@ def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
     """Run a controller on every draw of the scenarios with imperfections on top of theirs."""
     _, controller, scenarios, settings = unit
     on_top = [on_hardware(one, hardware) for one in scenarios]
-    drawn = [x for one in on_top for x in draws_of(one, random=settings.seeds)]
-    return tuple(run_all(controller, drawn, settings.deployed))
+    draws = [draws_of(one, random=settings.seeds) for one in on_top]
+    runs = iter(run_all(controller, [*itertools.chain(*draws)], settings.deployed))
+    return tuple(run for each in draws for run in numbered(itertools.islice(runs, len(each))))
 
 
 def run_bare(unit: SweepUnit) -> tuple[Run, ...]:
