@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -28,8 +28,11 @@ from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 
 if TYPE_CHECKING:
+    from afl_mujoco.control.controller import Controller
+    from afl_mujoco.scenario.files import Replay
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.time_steps import Deployed
+    from afl_mujoco.simulation.trajectory import Trajectory
 
 INDIFFERENT = ("out", "workers")  # options that do not change the films
 FRAMES_A_SECOND = 60  # frames of a view per second
@@ -53,7 +56,7 @@ class _Deployed:
     to 0.001 that divides the control period."""
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
-    scenario, else one step."""
+    file's [replay] in `simulate`, else of the scenario, else one step."""
     integrator: str | None = None
     """MuJoCo's integrator: RK4, Euler, implicit, implicitfast; RK4 by default, in `simulate` that
     of the file's [replay]."""
@@ -322,16 +325,17 @@ class Simulate(_Deployed):
 
         from afl_mujoco.control.catalogue import find_controller
 
-        name = _subject(replay.controller if self.controller is None else self.controller, scenario)
-        integrator = self.integrator or ("RK4" if replay.integrator is None else replay.integrator)
-        timestep = replay.timestep if self.timestep is None else self.timestep
+        given = {one.name: getattr(self, one.name) for one in fields(Replay)}
+        how = replace(replay, **{key: x for key, x in given.items() if x is not None})
+        name = _subject(how.controller, scenario)
+        how = replace(how, controller=name)
         controller = find_controller(name)
         if self.log:
             from afl_mujoco.identification.export import require_loggable, write_run
 
             require_loggable(scenario, controller, self.simulator)
 
-        from afl_mujoco.files import output_folder
+        from afl_mujoco.files import output_folder, remove_file
         from afl_mujoco.report.blocks import Block, Report
         from afl_mujoco.report.style import save_figure
         from afl_mujoco.report.terminal import print_report
@@ -340,38 +344,32 @@ class Simulate(_Deployed):
         from afl_mujoco.simulation.bound_controllers import bound
         from afl_mujoco.simulation.figures import draw_run
         from afl_mujoco.simulation.metrics import in_order, metrics
-        from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
         from afl_mujoco.simulation.remarks import remarks_on
         from afl_mujoco.simulation.scoring import nominal_scales, with_objective
-        from afl_mujoco.simulation.simulate import simulate_ode
         from afl_mujoco.simulation.trajectory import Layout
         from afl_mujoco.studies.shared import tables
         from afl_mujoco.studies.shared.run import run_of
 
         controller = bound(controller, scenario)
-        if self.simulator == "ode":
-            run = simulate_ode(scenario, controller, sample_period=timestep or LONGEST_STEP)
-        else:
-            held = self.control_period
-            how: Any = {"timestep": timestep, "control_period": held, "integrator": integrator}
-            run = simulate_mujoco(scenario, controller, self.simulator, **how)
+        run = self.simulate(scenario, controller, how)
         resolved = self.out / f"{scenario.name}.toml"
-        given = Path(self.scenario)
-        if resolved.is_file() and given.is_file() and resolved.samefile(given):
+        file = Path(self.scenario)
+        if resolved.is_file() and file.is_file() and resolved.samefile(file):
             rule = "is the input scenario and would be overwritten: choose another --out"
             raise FileError(str(resolved), rule)
         folder = output_folder(self.out)
         stem = f"{scenario.name}-{controller.name}-{self.simulator}"
+        for ending in (".png", "-log.csv", "-log.toml"):  # of an older run
+            remove_file(folder / f"{stem}{ending}")
         run.save(folder / f"{stem}.npz")
-        as_run = Replay(controller=name, integrator=integrator, timestep=timestep)
-        save_scenario(scenario, resolved, replay=None if replay == Replay() else as_run)
+        save_scenario(scenario, resolved, replay=None if replay == Replay() else how)
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
             save_figure(draw_run(run, f"{scenario.name}, {controller.name}"), folder / others[0])
         figures = metrics(scenario, controller, run)
         if scenario.is_cart_pole:
-            scales = nominal_scales(timestep or LONGEST_STEP)
+            scales = nominal_scales(how.timestep or LONGEST_STEP)
             figures = with_objective(figures, scales)
         digits = 3 if scenario.imperfections.drawn else 6
         row = run_of(scenario, controller, run)
@@ -395,3 +393,20 @@ class Simulate(_Deployed):
         headline = f"{controller.name} on {scenario.name}: {ending}"
         print_report(Report(headline=headline, blocks=blocks, passed=not row.missed))
         return CHECK_FAILED if row.missed else SUCCESS
+
+    def simulate(self, scenario: Scenario, controller: Controller, how: Replay) -> Trajectory:
+        """Return the run; refuse an option that could not act on it."""
+        from afl_mujoco.scenario.time_steps import LONGEST_STEP
+        from afl_mujoco.simulation.mujoco_rollout import require_not_held, simulate_mujoco
+        from afl_mujoco.simulation.simulate import simulate_ode
+
+        options: Any = {}
+        if self.simulator == "sampled":
+            options = {"control_period": how.control_period, "integrator": how.integrator or "RK4"}
+        else:
+            require_not_held(self.simulator, self.control_period, self.integrator)
+        if self.simulator == "ode":
+            return simulate_ode(scenario, controller, sample_period=how.timestep or LONGEST_STEP)
+        return simulate_mujoco(
+            scenario, controller, self.simulator, timestep=how.timestep, **options
+        )

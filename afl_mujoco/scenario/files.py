@@ -59,6 +59,7 @@ class Replay(Checked):
     controller: Text | None = None
     integrator: Text | None = None
     timestep: Positive | None = None
+    control_period: Positive | None = None
 
 
 _KEYS = (

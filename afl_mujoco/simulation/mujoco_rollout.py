@@ -35,6 +35,7 @@ from afl_mujoco.simulation.mujoco_model import (
     forward,
     impulse_jump,
     rate_forces,
+    require_integrator,
     write_state,
 )
 from afl_mujoco.simulation.sampled.runs import simulate_sampled
@@ -315,6 +316,17 @@ def velocities(model: SimulatedModel, state: Floats, momentum: Floats) -> Floats
 MODES = ("exact", "continuous", "sampled")
 
 
+def require_not_held(mode: str, control_period: float | None, integrator: str | None) -> None:
+    """Raise if something is given that acts in sampled mode alone."""
+    require_integrator(integrator or "RK4")
+    given = {"control_period": control_period, "integrator": integrator}
+    for name, value in given.items():
+        if value not in (None, "RK4"):
+            raise InvalidValueError(
+                name, f"must be left out with {mode}: sampled alone has it", value
+            )
+
+
 def simulate_mujoco(
     scenario: Scenario | str | Path,
     controller: Any,
@@ -363,8 +375,9 @@ def simulate_mujoco(
     UnknownNameError
         If there is no scenario, controller, mode or integrator of that name.
     InvalidValueError
-        If the step is not positive or does not divide the control period, if the scenario has
-        imperfections or the controller a memory and the mode is not sampled.
+        If the step is not positive or does not divide the control period, or if the scenario has
+        imperfections, the controller a memory, or a control period or another integrator is given,
+        and the mode is not sampled.
 
     Examples
     --------
@@ -378,6 +391,7 @@ def simulate_mujoco(
     scenario = as_scenario(scenario)
     controller = bound(as_controller(controller), scenario)
     if mode != "sampled":
+        require_not_held(mode, control_period, integrator)
         scenario.require_ideal()
         require_stateless(controller, f"{mode} mode")
     ticks = ticks_of(scenario, timestep, control_period)

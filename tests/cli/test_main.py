@@ -87,6 +87,27 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder, command_line) 
     assert (trajectory.state == again.state).all()
     assert stem.with_suffix(".png").stat().st_size > 10_000
     assert len(list((folder / "out").iterdir())) == 3
+    (folder / "out" / f"{stem.name}-log.csv").touch()  # of an older run, as the figure is
+    command_line("simulate", "short.toml", "--no-page", "--out", "out")
+    found = {path.name for path in (folder / "out").iterdir()}
+    assert found == {"short.toml", f"{stem.name}.npz"}
+
+
+def test_how_it_was_run_is_kept_in_the_file_and_refused_where_it_cannot_act(
+    folder, command_line, refuses
+) -> None:
+    text = (folder / "short.toml").read_text()
+    (folder / "short.toml").write_text(text + '[replay]\ncontroller = "lqr"\n')
+    held = ("--control-period", "0.02", "--timestep", "0.002")
+    assert command_line("simulate", "short.toml", *held, "--no-page", "--out", "out")[0] == 0
+    command_line("simulate", "out/short.toml", "--no-page", "--out", "again")
+    first, second = (
+        afl.Trajectory.load(folder / out / "short-lqr-sampled.npz") for out in ("out", "again")
+    )
+    assert (first.state == second.state).all() and len(set(first.command)) == 25
+    for simulator, *options in (("ode", *held[:2]), ("exact", "--integrator", "Euler")):
+        said = refuses("simulate", "short.toml", "--simulator", simulator, *options)
+        assert f"must be left out with {simulator}: sampled alone has it" in said
 
 
 @pytest.mark.parametrize("workers", ["1", "2"])
