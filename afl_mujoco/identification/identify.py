@@ -170,6 +170,7 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
         lambda own: problem.residuals(guess, own, far), w.starts[:, [1, 3]], pole.START_SCALE
     )
     found = fit_to_scatter(problem, parameters, starts)
+    _require_determined(found)
     _require_one_rig(problem, found, "gravity_term", w)
     w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
     expected = parameters[0].start
@@ -185,6 +186,13 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
     return found, whole
+
+
+def _require_determined(found: Fit) -> None:
+    """Raise if the logs hold nothing by which some parameters could be told."""
+    pairs = zip(found.parameters, found.errors, strict=True)
+    if unknown := [one.title for one, error in pairs if np.isinf(error)]:
+        raise InvalidValueError("logs", f"must move enough to tell {' and '.join(unknown)}")
 
 
 def _require_one_rig(problem: Problem, found: Fit, name: str, windows: Windows) -> None:
@@ -243,6 +251,7 @@ class _Drive(NamedTuple):
         progress(3, 4)
         if not _shows(other, "lag") or not _shows(final := self._finished(known, other), "lag"):
             final = self._finished(known, found)
+        _require_determined(final)
         if not _shows(final, "gain"):
             raise InvalidValueError(
                 d.command.column,

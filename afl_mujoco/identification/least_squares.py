@@ -27,6 +27,7 @@ ROUNDS, EVALUATIONS = 6, 8  # most rounds to find the scatter, and most steps in
 FEW_CLUSTERS = 8  # fewer logs, and windows count as independent, for want of better
 STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6  # of Levenberg and Marquardt's method
+LEAST_CURVATURE = 1e-10  # of parameters scaled to 1, below which a direction is not determined
 TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
@@ -64,7 +65,9 @@ class Fit:
 
     parameters: Sequence[Parameter]  # parameters that were estimated
     values: Array  # estimates, shape (p,)
-    covariance: Array  # covariance of the estimates, shape (p, p); zero for an estimate on a bound
+    # covariance of the estimates, shape (p, p); zero for one on a bound, infinite variances of what
+    # the data do not determine
+    covariance: Array
     on_bound: NDArray[np.bool_]  # which estimates lie on a bound, shape (p,)
     degrees: int  # degrees of freedom of the covariance
     starts: Array  # initial states of the windows, shape (B, L)
@@ -254,7 +257,7 @@ def with_uncertainty_of(problem: Problem, fit: Fit, known: Fit) -> Fit:
     matrix = problem.reduced(values, fit.starts, scales, fit.scatter, rest).matrix
     free = np.flatnonzero(~fit.on_bound)
     shift = np.zeros((p, len(known.values)))
-    shift[free] = -np.linalg.pinv(matrix[np.ix_(free, free)]) @ matrix[free, p:]
+    shift[free] = -_inverse(matrix[np.ix_(free, free)])[0] @ matrix[free, p:]
     return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
 
 
@@ -324,7 +327,7 @@ def _covariance(
     weights = _weights(rest)
     curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
     system = _reduced(shared[..., free], own, rest, curvature)
-    bread = np.linalg.pinv(system.matrix, hermitian=True)
+    bread, open_ = _inverse(system.matrix)
     undone = system.slopes / np.sqrt(curvature)[..., None]
     scores = np.einsum("bri,br->bi", undone, weights * rest)
     groups = np.unique(clusters)
@@ -336,5 +339,20 @@ def _covariance(
     spread = bread @ scores.T  # squared last, lest round-off makes a variance negative
     factor = (len(scores) / degrees) * (max(1, known - 1) / left)
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = spread @ spread.T * factor
+    covariance[np.ix_(free, free)] = spread @ spread.T * factor + np.diag(open_)
     return covariance, degrees
+
+
+def _inverse(matrix: Array) -> tuple[Array, Array]:
+    """Return the inverse of a Gauss-Newton matrix, and the variances that have no end.
+
+    What only changes together without a change of the residuals is not determined: zero in the
+    inverse, as in the pseudo-inverse, would say that it is known exactly.
+    """
+    scale = np.sqrt(np.diag(matrix))
+    scale = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
+    flat = values < LEAST_CURVATURE
+    kept = vectors[:, ~flat] / scale[:, None]
+    moved = np.abs(vectors[:, flat]).max(axis=1, initial=0.0) > np.sqrt(LEAST_CURVATURE)
+    return kept / values[~flat] @ kept.T, np.where(moved, np.inf, 0.0)

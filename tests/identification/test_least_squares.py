@@ -81,3 +81,29 @@ def test_what_was_taken_as_known_widens_the_interval() -> None:
     whole = with_uncertainty_of(problem(data), second, first)
     expected = second.covariance[0, 0] + first.covariance[0, 0]
     assert whole.covariance[0, 0] == pytest.approx(expected, rel=1e-3)
+
+
+def test_what_the_data_cannot_tell_apart_has_no_end_and_the_rest_its_interval() -> None:
+    """Two rates of which the sum alone acts: zero, as of a pseudo-inverse, would say `known`."""
+    data = decays(np.random.default_rng(6), 40)
+    two = problem(data)
+    found = fit(
+        two, [parameter("rate", 1.0), parameter("other", 0.5)], np.ones((40, 1)), np.array([0.01])
+    )
+    assert np.isinf(found.errors).all() and found.values.sum() == pytest.approx(2.0, abs=0.05)
+    assert all(one.low == -np.inf and one.high == np.inf for one in found.estimates.values())
+
+    def errors(shared, starts):
+        return two.errors(shared[:2], starts) + 0.3 * shared[2] * np.sin(9.0 * T)
+
+    three = [parameter("rate", 1.0), parameter("other", 0.5), parameter("wave", 0.1)]
+    whole = fit(
+        two._replace(errors=errors, smooth=errors), three, np.ones((40, 1)), np.array([0.01])
+    )
+    assert np.isinf(whole.errors).tolist() == [True, True, False]
+    alone = two._replace(
+        errors=lambda shared, own: errors(np.array([0.0, *shared]), own),
+        smooth=lambda shared, own: errors(np.array([0.0, *shared]), own),
+    )
+    one = fit(alone, three[1:], np.ones((40, 1)), np.array([0.01]))
+    assert whole.errors[2] == pytest.approx(one.errors[1], rel=0.03)
