@@ -116,7 +116,7 @@ class CommandColumn(Checked):
 
     column: Text = "command"  # header of the column
     sign: Sign = 1  # -1 if a positive command drives the cart towards -z
-    limit: Positive = 1.0  # largest command
+    limit: Positive | None = None  # largest command, if one is known
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -79,7 +79,7 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
     identified.scatter()  # raises without a drive
     d = identified.description
     plant, friction = model_of(values, d)
-    rail = d.nominal.rail_half_length
+    rail, limit = d.nominal.rail_half_length, d.command.limit
     return Scenario(
         name=re.sub(r"[^a-z0-9]+", "-", d.name.lower()).strip("-") or "identified",
         duration=DURATION,
@@ -90,7 +90,7 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
             control_period=d.period,
             delay=max(0.0, values["delay"]),
             lag=max(0.0, values["lag"]),
-            input_limit=physical(values, d)["force"] * d.command.limit,
+            input_limit=None if limit is None else physical(values, d)["force"] * limit,
             encoder_step={
                 "z": d.z.count,
                 "phi": values.get("angle_scale", 1.0) * d.phi.count,
@@ -177,9 +177,7 @@ def write_run(scenario: Scenario, run: Trajectory, folder: Path, stem: str) -> l
         period=period,
         phi=AngleColumn(resolution=r.at("encoder_step.phi")),
         z=PositionColumn(resolution=r.at("encoder_step.z")),
-        command=CommandColumn(
-            limit=r.input_limit or float(np.abs(commands).max(initial=0.0)) or 1.0
-        ),
+        command=CommandColumn(limit=r.input_limit),
         nominal=Nominal(
             **asdict(scenario.parameters_at(0.0)),
             force=1.0,

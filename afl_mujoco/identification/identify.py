@@ -226,7 +226,7 @@ class _Drive(NamedTuple):
 
     def identify(self, progress: Progress) -> Fit:
         """Fit few windows, then all; with a lag only if it is significant."""
-        d, parameters = self.description, rig.parameters_of(self.description)
+        d, parameters = self.description, self._parameters
         known = _without_dry_friction(self.pole.by_name, self.windows)
         every = max(1, min(COARSE, self.windows.count // ENOUGH))
         problem = self._problem(self.windows.some(every), parameters, known)
@@ -260,6 +260,11 @@ class _Drive(NamedTuple):
             )
         return final
 
+    @property
+    def _parameters(self) -> list[Parameter]:
+        largest = max(float(np.abs(log.command).max()) for log in self.windows.logs)
+        return rig.parameters_of(self.description, largest)
+
     def _problem(
         self, windows: Windows, parameters: Sequence[Parameter], known: Mapping[str, float]
     ) -> Problem:
@@ -288,7 +293,7 @@ class _Drive(NamedTuple):
         parameters = [
             one._replace(start=x.value, low=x.value, high=x.value) if x.on_bound
             else one._replace(start=x.value)
-            for one, x in zip(rig.parameters_of(self.description), found, strict=True)
+            for one, x in zip(self._parameters, found, strict=True)
         ]  # fmt: skip
         fine = replace(self.windows, step=self.windows.step / FINER)
         problem = self._problem(fine, parameters, known)

@@ -130,8 +130,9 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
         if len(values) == 0 or np.ptp(values) <= 3.0 * sensor.count or np.ptp(values) == 0.0:
             rule = f"must vary: the {signal} is constant in this log"
             raise InvalidValueError(sensor.column, rule)
-    if (worst := float(np.abs(command).max())) > d.command.limit * (1.0 + 1e-6):
-        raise InvalidValueError(d.command.column, f"must be within {d.command.limit:g}", worst)
+    worst, limit = float(np.abs(command).max()), d.command.limit
+    if limit is not None and worst > limit * (1.0 + 1e-6):
+        raise InvalidValueError(d.command.column, f"must be within {limit:g}", worst)
     there = np.flatnonzero(valid)
     whole = np.round((np.unwrap(phi[there]) - phi[there]) / (2.0 * math.pi))
     turns = np.interp(np.arange(len(phi)), there, whole).round()

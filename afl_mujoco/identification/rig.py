@@ -29,9 +29,10 @@ Array = NDArray[np.float64]
 START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])  # of (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]
 
 
-def parameters_of(description: Description) -> list[Parameter]:
-    """Return the parameters of the cart and its drive."""
-    n, period, limit = description.nominal, description.period, description.command.limit
+def parameters_of(description: Description, largest: float = 1.0) -> list[Parameter]:
+    """Return the parameters of the cart and its drive, for a largest command if it has no limit."""
+    n, period = description.nominal, description.period
+    limit = description.command.limit or largest
     whole = n.cart_mass + n.pole_mass
     gain, decay = n.force / whole, min(max(n.rail_damping / whole, 1.0), 20.0)
     reach = max(5.0 * period, 0.1)

@@ -91,6 +91,17 @@ def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> N
     assert found.find("gravity_term").low <= 0.75 * 9.81 / 0.3 <= found.find("gravity_term").high
 
 
+def test_runs_of_a_drive_without_a_limit_share_a_description(tmp_path: Path) -> None:
+    """The largest command of one run is no limit of the drive."""
+    _, first, description = logged(tmp_path, RIG, find_controller("lqr"))
+    pushed = replace(RIG, initial_state=(0.0, 0.6, 0.0, 0.0))
+    run = afl.simulate_mujoco(pushed, "lqr", "sampled")
+    second = read_log(write_run(pushed, run, tmp_path, "pushed")[0], description)
+    assert abs(second.command).max() > abs(first.command).max()
+    free = replace(load_estimates(), description=description)
+    assert scenario_of(free).imperfections.input_limit is None
+
+
 def test_any_plant_is_logged_by_its_names(tmp_path: Path) -> None:
     scenario = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
     asked = afl.Requirements(target={"z": 1.0})
