@@ -273,13 +273,15 @@ def space_table() -> str:
         **{name: one.why for name, one in (*START.items(), *DRAWS.items())},
         "cart_mass": "the paper's box",
         "half_length": "the paper's box",
-        "last_change": "M and l change in the first half of the run, as in the paper",
+        "last change of M and l": "in the first half of the run, as in the paper",
         "duration": "the paper's horizon",
     }
     units = {name: one.unit for name, one in DECLARATIONS.items()} | CART_POLE.units
-    times = {"last_change": SampleSpace(LABORATORY).last_change, "duration": LABORATORY.duration}
+    changing = SampleSpace(LABORATORY).last_change
+    times = {"last change of M and l": changing, "duration": LABORATORY.duration}
     for name, value in (LABORATORY.ranges | times).items():
         ends = value if isinstance(value, tuple) else (value,)
         text = " to ".join(f"{x:.4g}" for x in ends)
-        rows.append((f"`{name}`", units.get(name, "s"), text, reasons[name]))
+        shown = name if name in times else f"`{name}`"
+        rows.append((shown, units.get(name, "s"), text, reasons[name]))
     return cells_as_table(("field", "unit", "range", "why"), rows)
