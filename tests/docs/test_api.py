@@ -8,7 +8,8 @@ import pytest
 
 import afl_mujoco as afl
 
-PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "api.md").read_text()
+PAGES = Path(__file__).parents[2] / "docs"
+PAGE = (PAGES / "reference" / "api.md").read_text()
 NAME = re.compile(r"(?<!`)`(?:[a-z_]+\.)*([A-Z]\w+|as_\w+)`(?!`)")  # of a class or a constant
 
 
@@ -49,3 +50,17 @@ def test_its_examples_give_what_they_show_and_what_it_names_is_defined_on_it() -
     named = {(name, other) for name, text in texts for other in NAME.findall(text)}
     outside = {"MjModel", "MjData", "MjSpec", "RandomState"}  # MuJoCo's and NumPy's
     assert {(n, o) for n, o in named if o not in found and o not in outside} == set()
+
+
+def test_every_class_that_a_page_names_is_in_the_code() -> None:
+    root = PAGES.parent
+    code = "".join(path.read_text() for path in root.glob("[ader]*/**/*.py"))
+    pages = [path for path in PAGES.rglob("*.md") if "_build" not in path.parts]
+    named = {
+        (page.name, name)
+        for page in (*pages, *root.glob("[A-Z]*.md"))
+        if page.name.lower() != "changelog.md"
+        for name in re.findall(r"`(?:\w+\.)*([A-Z]\w*[a-z]\w*)(?:\([^`]*\))?`", page.read_text())
+    }
+    gone = {one for one in named if not re.search(rf"\b{one[1]}\b", code)}
+    assert len(named) > 15 and {name for _, name in gone} <= {"NamespaceNotFound"}  # Gymnasium's
