@@ -116,16 +116,22 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     assert labels == [*words[2:], words[1], words[0]]
 
 
-SLIDER = """<mujoco><worldbody><body name="b">
+SLIDER = """<mujoco><worldbody>{first}<body name="b">
 <joint name="x" type="slide" axis="1 0 0" ref="{ref}"/>
 <geom type="box" size=".1 .1 .1" pos="{at} 0 0" mass="1"/></body></worldbody>
 <actuator><general name="pull" joint="x" gainprm="-3"/></actuator></mujoco>"""
 
 
-@pytest.mark.parametrize(("ref", "at", "here"), [(0.0, 0.3, 0.6), (0.5, 0.0, -0.9)], ids=str)
-def test_end_stops_stand_where_what_moves_touches_them(ref, at, here):
-    plant = afl.Plant(name="slider", model=SLIDER.format(ref=ref, at=at),
-                      coordinates=("x",), inputs=("pull",))  # fmt: skip
+WHEEL = """<body name="a" pos="0 1 0"><joint name="turn"/><geom size=".1" mass="1"
+ contype="0" conaffinity="0"/></body>"""
+
+
+@pytest.mark.parametrize(("ref", "at", "here", "first"), [
+    (0.0, 0.3, 0.6, ""), (0.5, 0.0, -0.9, ""), (0.0, 0.3, 0.6, WHEEL),
+], ids=str)  # fmt: skip
+def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
+    plant = afl.Plant(name="slider", model=SLIDER.format(ref=ref, at=at, first=first),
+                      coordinates=("turn", "x") if first else ("x",), inputs=("pull",))  # fmt: skip
     scenario = afl.Scenario(
         name="s", plant=plant, initial_state={"x": here}, duration=0.2,
         imperfections=afl.Imperfections(end_stops={"x": 1.0}),
@@ -135,7 +141,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here):
     stage = Stage.of([replay], FPS, SIZE, Frame())
     pose(stage.model, replay, 0)
     m, d = stage.model.mj_model, stage.model.mj_data
-    assert d.geom_xpos[0, 0] == pytest.approx(at + here - ref)  # MuJoCo's own
+    assert d.geom_xpos[-1, 0] == pytest.approx(at + here - ref)  # MuJoCo's own
     scene = mujoco.MjvScene(m, 100)
     add_tracks(scene, stage.model, stage.rails, replay.state[0])
     boxes = [geom for geom in scene.geoms[: scene.ngeom]]
@@ -148,7 +154,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here):
 
 
 def test_an_arrow_points_where_the_drive_pushes():
-    plant = afl.Plant(name="slider", model=SLIDER.format(ref=0, at=0),
+    plant = afl.Plant(name="slider", model=SLIDER.format(ref=0, at=0, first=""),
                       coordinates=("x",), inputs=("pull",))  # fmt: skip
     model = drawn_model(afl.Scenario(name="s", plant=plant))
     model.mj_data.ctrl[0] = 2.0
