@@ -3,7 +3,8 @@
 Cosmic Ray's operators say where the physics, the control, the loops, the checks and the statistics
 can be changed, and how. Of all these mutants a sample is drawn, the same for the same seed, and
 each is planted in a temporary copy of the repository, on which checks run until one objects: the
-tests that are likely to, the verdict of `afl-mujoco validate --full`, the other tests.
+tests that are likely to, the verdict of `afl-mujoco validate --full`, the other tests of what is
+computed, all but the slow ones.
 
     python tests/mutants.py [--count 400] [--seed 1] [--jobs 2] [--only PART ...] [--resume]
                             [--survivors] [--brief] [--out FILE] [--list]
@@ -41,7 +42,7 @@ from afl_mujoco.files import write_text
 from afl_mujoco.studies.montecarlo import rate
 from afl_mujoco.studies.shared.record import versions
 from tests import faulty_copies
-from tests.faulty_copies import REPOSITORY, TESTS, Copies, TimeLimitError, files_of
+from tests.faulty_copies import REPOSITORY, Copies, TimeLimitError, files_of
 
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -90,6 +91,11 @@ LATE = (
 )
 """Tests that take longest; they run last."""
 
+FOLDERS = ("control", "films", "identification", "plants", "report", "scenario", "simulation",
+           "studies", "test_properties.py", "test_own_rig.py", "test_right_answers.py")  # fmt: skip
+"""Tests of what is computed."""
+
+QUICK = ("-m", "not slow")
 LIKELY = 6  # test files that run first, at most
 LIKELY_LIMIT = 300.0  # [s] for them
 NO_TIME = "time limit"
@@ -261,7 +267,7 @@ class Tests:
 
     @cached_property
     def files(self) -> list[str]:
-        found = [*files_of(TESTS), *files_of(("tests/studies/verify",))]
+        found = files_of([f"tests/{name}" for name in FOLDERS])
         return sorted(found, key=lambda name: LATE.index(name) if name in LATE else -1)
 
     @cached_property
@@ -286,16 +292,14 @@ class Tests:
 
     def rest(self, file: str) -> list[str]:
         first = self.likely(file)
-        mine = "verify" in file
-        others = [name for name in self.files if name not in first]
-        return [name for name in others if mine or "verify" not in name]
+        return [name for name in self.files if name not in first]
 
     def checks(self, copies: Copies, mutant: Mutant) -> Callable[[Path], Iterator[str]]:
         def checks(root: Path) -> Iterator[str]:
-            yield copies.tests(root, self.likely(mutant.file), LIKELY_LIMIT)
+            yield copies.tests(root, [*QUICK, *self.likely(mutant.file)], LIKELY_LIMIT)
             yield copies.verdict(root)
             if not self._only_likely:
-                yield copies.tests(root, self.rest(mutant.file))
+                yield copies.tests(root, [*QUICK, *self.rest(mutant.file)])
 
         def in_time(root: Path) -> Iterator[str]:
             try:
@@ -403,7 +407,9 @@ def main() -> int:
     tests = Tests(before.values(), only_likely=options.brief)
     if left:
         jobs = max(1, options.jobs)
-        for mutant, by in faulty_copies.check_all(left, jobs, tests.files, tests.checks, say):
+        for mutant, by in faulty_copies.check_all(
+            left, jobs, [*QUICK, *tests.files], tests.checks, say
+        ):
             found[mutant.key] = found_of(mutant, by)
             keep()
     keep()
