@@ -6,6 +6,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY
+from afl_mujoco.scenario.imperfections import DRAWS
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     acting,
@@ -48,6 +49,7 @@ def test_a_sample_depends_on_index_and_seed_alone_and_is_the_same_for_ever() -> 
     expected = [0.08889323355387169, 0.20068358985659007, 0.8312670906835586]
     np.testing.assert_array_equal(sample_point(SPACE, 12, 1)[:3], expected)
     assert sample_scenario(SPACE, 12, 1).imperfections.seed == 2389723553712521205
+    assert [one.axis for one in DRAWS.values()] == [*range(11)]
 
 
 def test_points_noise_and_searches_share_no_random_numbers() -> None:
