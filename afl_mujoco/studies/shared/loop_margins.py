@@ -188,12 +188,6 @@ class Margins:
     disk: float  # size of the largest disk of gain and phase at once, by the peak of (S - T)/2
 
 
-UNTOUCHED = Margins(
-    gain_decrease=0.0, gain_increase=np.inf, phase=np.inf, delay=np.inf, crossover=np.inf, disk=2.0
-)
-"""Of an input that the controller leaves at rest: S = 1 and T = 0."""
-
-
 def loop_margins(
     loop: Loop, control_period: float | None = None, imperfections: Imperfections = IDEAL
 ) -> list[Margins] | None:
@@ -218,13 +212,13 @@ def loop_margins(
         if not loop.stable:
             return None
         parts = _broken(loop.a, loop.b, loop.k)
-        return [_margins(control.ss(*x, 0.0)) if x[2].any() else UNTOUCHED for x in parts]
+        return [_margins(control.ss(*x, 0.0)) for x in parts]
     require_positive("control_period", period)
     if not stable_as_held(loop, period, r):
         return None
     found = []
     for i, part in enumerate(_broken(*_held(loop, period, r))):
-        one = _margins(_bilinear(*part, period), period) if part[2].any() else UNTOUCHED
+        one = _margins(_bilinear(*part, period), period)
         if math.isfinite(one.delay):
             one = replace(one, delay=_exact_delay(loop, period, r, i, one.delay))
         found.append(one)
