@@ -63,9 +63,10 @@ def test_without_equations_the_model_is_not_verified_and_a_seed_repeats_itself(t
 
 
 def test_points_are_drawn_in_the_box_and_the_ranges_of_the_mjcf(command_line, tmp_path):
-    asked = ("--samples", "20", "--box", "phi", "-0.5", "0.5", "z_dot", "0", "1", "--out", "out")
+    asked = ("--samples", "20", "--box", "phi", "-0.5", "0.5", "phi_dot", "0", "1", "--out", "out")
     code, output, _ = command_line("check", "cart-pole", *asked)
-    assert code == 0 and "phi -0.5 to 0.5, z_dot 0 to 1," in " ".join(output.split())
+    drawn = "z -1 to 1, phi -0.5 to 0.5, z_dot -2 to 2, phi_dot 0 to 1, force -10 to 10"
+    assert code == 0 and drawn in " ".join(output.split())
     plant = small(
         tmp_path, ('<joint name="tip"', '<joint name="tip" range="-.2 .3"'),
         ('joint="arm"/>', 'joint="arm" ctrlrange="-.5 .5"/>'),
