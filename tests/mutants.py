@@ -91,8 +91,11 @@ LATE = (
 )
 """Tests that take longest; they run last."""
 
-FOLDERS = ("control", "films", "identification", "plants", "report", "scenario", "simulation",
-           "studies", "test_properties.py", "test_own_rig.py", "test_right_answers.py")  # fmt: skip
+FOLDERS = (
+    *("control", "films", "identification", "plants", "report", "scenario", "simulation"),
+    *("studies", "docs/test_content.py"),
+    *("test_properties.py", "test_own_rig.py", "test_right_answers.py"),
+)
 """Tests of what is computed."""
 
 OF_REPOSITORY = ("tests/studies/test_contract.py",)  # what is in it, which a copy has not all of

@@ -1,6 +1,7 @@
 """Departures from the ideal are validated, survive a file, and are refused where ignored."""
 
 import dataclasses
+import re
 from functools import partial
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.scenario.imperfections import IDEAL, Imperfections, declarations
+from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections, declarations
 from tests.messages import line
 
 REAL = Imperfections(
@@ -74,3 +75,10 @@ def test_a_plant_that_has_the_cart_pole_s_coordinates_is_not_the_cart_pole():
     assert "tip_mass_share" not in known and "load_error" in known
     mine = PythonController(name="mine", function=lambda t, x, p: p.load, plant=plant)
     assert mine.command(0.0, np.zeros(4), np.array([3.0])) == 3.0
+
+
+def test_levels_are_shown_in_the_unit_that_is_said() -> None:
+    prefixed = re.compile(r"m(s|rad|m|N m s)$|g m²$")
+    for one in IMPERFECTIONS:
+        expected = 100.0 if one.unit == "%" else 1000.0 if prefixed.match(one.unit) else 1.0
+        assert one.scale == expected, one.name
