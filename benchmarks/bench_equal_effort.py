@@ -94,7 +94,7 @@ def lqr_force(state, time, plant, start, law):
     """The force of an LQR."""
     table, masses, lengths = law
     z, phi, z_dot, phi_dot = state
-    return compiled_force(LINEAR, table, masses, lengths, z, phi, z_dot, phi_dot, plant)
+    return compiled_force(LINEAR, table, masses, lengths, 0.0, z, phi, z_dot, phi_dot, plant)
 
 
 def loop_of(force_of):

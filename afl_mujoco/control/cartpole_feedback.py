@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
@@ -105,6 +105,7 @@ class StateFeedback(Controller):
     # (L1) of the assumed plant turns into a force
     kind: int
     design: Design  # gains by the assumed M and l
+    home: float = 0.0  # where it brings the cart [m]
 
     def nodes_within(self, spans: Mapping[str, tuple[float, float]]) -> dict[str, Floats]:
         """Return the nodes between which the gains are interpolated."""
@@ -119,7 +120,12 @@ class StateFeedback(Controller):
             grid = self.design.over(plants)
         except InvalidValueError as error:
             raise error.within(f"controller {self.name!r}: ") from None
-        return CompiledController(self.kind, *(one.copy() for one in grid))
+        table, masses, lengths = (one.copy() for one in grid)
+        return CompiledController(self.kind, table, masses, lengths, self.home)
+
+    def about(self, home: float) -> StateFeedback:
+        """Return the controller that brings the cart to another place [m]."""
+        return replace(self, home=home)
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""
@@ -128,6 +134,7 @@ class StateFeedback(Controller):
             "formula": FORMULAS[self.kind],
             "gains": dict(self.design.description),
             "belief": "true",
+            **({"home": self.home} if self.home else {}),
         }
 
 

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -62,11 +62,14 @@ class AFLController(Controller):
     belief
         Constant parameters that the controller assumes; ``None`` for the true M(t) and l(t)
         (decision D7).
+    home
+        Where it brings the cart [m]: the target of the scenario.
     """
 
     name: str
     gain_function: GainFunction
     belief: CartPoleParameters | None = None
+    home: float = 0.0
 
     def __post_init__(self) -> None:
         require_type("controller name", self.name, str)
@@ -87,7 +90,11 @@ class AFLController(Controller):
 
     def compiled_for(self, plants: PlantRange) -> CompiledController:
         """Return the controller as compiled loops take it: (G1) has a gain for every plant."""
-        return _compiled(self.gain_function)
+        return _compiled(self.gain_function)._replace(home=self.home)
+
+    def about(self, home: float) -> AFLController:
+        """Return the controller that brings the cart to another place [m]."""
+        return replace(self, home=home)
 
     def remarks(self, scenario: Scenario) -> list[str]:
         """Return where scheduled gains are used beyond the plants for which they were found."""
@@ -109,8 +116,8 @@ class AFLController(Controller):
     def saturation_ratio(self, states: Floats, inputs: Floats) -> Floats:
         """Return s / Phi at each of N states: beyond +-1 the switching term is saturated."""
         z, phi, z_dot, phi_dot = states.T
-        length, gravity, slope, layer = inputs.T[[2, 3, 5, 6]]
-        surface, _ = sliding_and_drift(z, phi, z_dot, phi_dot, length, gravity, slope)
+        length, gravity, slope, layer, home = inputs.T[[2, 3, 5, 6, 7]]
+        surface, _ = sliding_and_drift(z - home, phi, z_dot, phi_dot, length, gravity, slope)
         return np.asarray(surface / layer)
 
     def describe(self) -> dict[str, Any]:
@@ -119,6 +126,7 @@ class AFLController(Controller):
             "name": self.name,
             "gain_function": {n: list(getattr(self.gain_function, n)) for n in GAIN_NAMES},
             "belief": "true" if self.belief is None else asdict(self.belief),
+            **({"home": self.home} if self.home else {}),
         }
 
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
-from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
+from afl_mujoco.control.law import force_kernel, linearizing_force
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
@@ -32,6 +32,7 @@ class CompiledController(NamedTuple):
     table: Floats
     masses: Floats  # nodes M [kg] and l [m] of the table
     lengths: Floats
+    home: float = 0.0  # where it brings the cart [m]
 
 
 @kernel
@@ -92,7 +93,7 @@ def _feedback_force(kind, z, phi, z_dot, phi_dot, assumed, gains):
 
 
 @kernel
-def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed):
+def compiled_force(kind, table, masses, lengths, home, z, phi, z_dot, phi_dot, assumed):
     """Return the force [N] of a controller at one state, or NaN where it has no value.
 
     table: Float64, C-contiguous. For `AFL`: coefficients of the gain function (G1), shape (1, 3,
@@ -100,6 +101,7 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
         at the assumed M and l; a single node applies to every plant.
     masses, lengths: Nodes M [kg] and l [m], increasing; `AFL` does not use them.
     """
+    z -= home
     if kind == AFL:
         cart_mass, pole_mass, half_length, gravity = assumed
         return force_kernel(
@@ -116,7 +118,10 @@ def compiled_force(kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
 def force_from_inputs(kind, state, inputs, out):
     """Write the inputs [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
-        out[0] = afl_force(state, inputs)
+        out[0] = force_kernel(
+            state[0] - inputs[7], state[1], state[2], state[3],
+            inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],
+        )  # fmt: skip
     elif kind == AFFINE:  # u0 (k), the rows of K (k, 2n), the target and what comes round (2n)
         k, states = len(out), len(state)
         target = k + k * states
@@ -130,7 +135,7 @@ def force_from_inputs(kind, state, inputs, out):
                 out[i] -= inputs[k + i * states + j] * away
     else:
         out[0] = _feedback_force(
-            kind, state[0], state[1], state[2], state[3],
+            kind, state[0] - inputs[8], state[1], state[2], state[3],
             (inputs[0], inputs[1], inputs[2], inputs[3]),
             (inputs[4], inputs[5], inputs[6], inputs[7]),
         )  # fmt: skip
@@ -144,11 +149,12 @@ def forces_along(kind, states, inputs, out):
 
 
 @kernel
-def inputs_along(kind, table, masses, lengths, assumed):
-    """Return the inputs of a controller for many assumed (M, m, l, g): these and its gains."""
+def inputs_along(kind, table, masses, lengths, home, assumed):
+    """Return the inputs of a controller for many assumed (M, m, l, g): these, gains and home."""
     count = 7 if kind == AFL else 8
-    inputs = np.empty((len(assumed), count))
+    inputs = np.empty((len(assumed), count + 1))
     for i in range(len(assumed)):
+        inputs[i, count] = home
         for j in range(4):
             inputs[i, j] = assumed[i, j]
         cart_mass, half_length = assumed[i, 0], assumed[i, 2]
@@ -224,6 +230,11 @@ class Controller(Protocol):
         """Return the controller that sees the true M and l where this one estimates them."""
         return self
 
+    def about(self, home: float) -> Controller:
+        """Return the controller that brings the cart to another place than 0 [m], or raise."""
+        rule = "brings z to 0 alone, not to a target in [requirements]"
+        raise InvalidValueError(f"controller {self.name!r}", rule, f"{home:g} m")
+
     def remarks(self, scenario: Scenario) -> list[str]:
         """Return remarks for readers of its runs on a cart-pole, one sentence each."""
         return []
@@ -257,8 +268,8 @@ class Controller(Protocol):
     def inputs_for(self, values: Floats) -> Floats:
         """Return the inputs of the controller for rows of told parameters, shape (N, numbers).
 
-        Of the cart-pole the assumed (M, m, l, g) and gains: three of the paper's controller, four
-        of state feedback. Raises if a gain breaks its rule.
+        Of the cart-pole the assumed (M, m, l, g), gains, three of the paper's controller, four of
+        state feedback, and where it brings the cart [m]. Raises if a gain breaks its rule.
         """
         rows = np.ascontiguousarray(self.assumed(values))
         if rows.shape[1] != len(self.plant.parameters):
@@ -310,6 +321,7 @@ class Law(NamedTuple):
     table: Floats
     masses: Floats
     lengths: Floats
+    home: float
     assumed: Floats  # what is assumed of the parameters, NaN for the true ones
     # of one that is affine: times at which its rows have a kink [s], and between these the rows as
     # polynomials of the share of the way, shapes (K,) and (K - 1, numbers, degree + 1)
@@ -338,7 +350,8 @@ def command(law, time, state, values, out):
         if not np.isnan(law.assumed[i]):
             values[i] = law.assumed[i]
     out[0] = compiled_force(
-        law.kind, law.table, law.masses, law.lengths, state[0], state[1], state[2], state[3],
+        law.kind, law.table, law.masses, law.lengths, law.home,
+        state[0], state[1], state[2], state[3],
         (values[0], values[1], values[2], values[3]),
     )  # fmt: skip
 
@@ -367,7 +380,7 @@ class Laws:
         count = len(plant.parameters)
         self.callback: Callback | None = None
         self._segment: Segment | None = None  # the one that the law of an affine one is along
-        self._law = Law(AFFINE, np.empty((0, 0, 0)), none, none, np.full(count, np.nan), none,
+        self._law = Law(AFFINE, np.empty((0, 0, 0)), none, none, 0.0, np.full(count, np.nan), none,
                         np.empty((0, 0, 0)), none, 0)  # fmt: skip
         if controller.interpreted or controller.stateful:
             own = controller.start()

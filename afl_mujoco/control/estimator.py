@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -364,6 +364,10 @@ class EstimatedController(Controller):
             for value in sorted({*ends})
             if not least <= value <= largest
         ]
+
+    def about(self, home: float) -> EstimatedController:
+        """Return the same with the controller inside about another place [m]."""
+        return replace(self, controller=self.controller.about(home))
 
     def without_estimator(self) -> Controller:
         """Return the controller inside, which sees the true M and l."""

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from afl_mujoco.control import angle
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.control.plant_feedback import NODES, LinearFeedback, Rest, holding_input, largest_of
@@ -23,16 +24,30 @@ STEP = 1e-6  # step of the central differences [rad, m, rad/s, m/s]
 def bound(controller: Controller, scenario: Scenario) -> Controller:
     """Return a controller for the plant of a scenario, or raise if it is of another."""
     plant = scenario.plant
-    if controller.plant is plant or scenario.is_cart_pole:
+    if scenario.is_cart_pole:
+        return _about_target(controller, scenario)
+    if controller.plant is plant:
         return controller
     if isinstance(controller, PythonController):
         return replace(controller, plant=plant)
     if controller.name == "lqr":
         return lqr_of(scenario)
     if has_its_names(plant):  # it assumes the paper's equations of what has other ones
-        return controller
+        return _about_target(controller, scenario)
     rule = f"is of the cart-pole; plant {plant.name!r} takes lqr, or a controller of your own"
     raise InvalidValueError(f"controller {controller.name!r}", rule)
+
+
+def _about_target(controller: Controller, scenario: Scenario) -> Controller:
+    """Return a controller of the cart-pole about the target of a scenario, one's own as it is."""
+    own = isinstance(controller, PythonController) and controller.function is not angle.force
+    home, upright = scenario.target
+    if own or not (home or upright):
+        return controller
+    if upright:
+        rule = "balances upright: its target of phi must be 0"
+        raise InvalidValueError(f"controller {controller.name!r}", rule, f"{upright:g} rad")
+    return controller.about(home)
 
 
 def lqr_of(scenario: Scenario) -> LinearFeedback:

@@ -75,7 +75,7 @@ def along(controller, states, assumed):
 
 def test_partial_feedback_gives_the_cart_what_it_asks_for(random_states, table, odd_parameters):
     p = odd_parameters
-    force = along((form.PARTIAL, table, MASSES, LENGTHS), random_states, values_of(p))
+    force = along((form.PARTIAL, table, MASSES, LENGTHS, 0.0), random_states, values_of(p))
     gains = form.interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
     asked = -random_states @ np.array(gains)
     cart, pole = acceleration(random_states, force, p).T

@@ -102,3 +102,30 @@ def test_every_simulator_of_equations_takes_a_controller_by_its_name(simulate) -
     np.testing.assert_allclose(run.state[-1], reference.state[-1], atol=1e-3)
     with pytest.raises(InvalidValueError, match="controller 'adaptive' is of the cart-pole"):
         simulate(lean, "adaptive")
+
+
+LEAN = afl.Scenario(name="lean", duration=1.0, initial_state={"phi": 0.1})
+THERE = replace(
+    LEAN, initial_state={"z": 1.0, "phi": 0.1}, requirements=afl.Requirements(target={"z": 1.0})
+)
+
+
+@pytest.mark.parametrize("name", ["lqr", "adaptive", "partial-linearization", "adaptive-estimated"])
+def test_the_controllers_of_the_cart_pole_bring_it_to_its_target(name: str) -> None:
+    modes = ("sampled",) if name.endswith("estimated") else ("sampled", "exact", "continuous")
+    for mode in modes:
+        here, there = (afl.simulate_mujoco(x, name, mode) for x in (LEAN, THERE))
+        np.testing.assert_allclose(there.state - here.state, [[1, 0, 0, 0]] * len(here.state),
+                                   atol=1e-10)  # fmt: skip
+        np.testing.assert_allclose(there.force, here.force, atol=1e-9)
+        assert there.metrics.get("saturated_share") == here.metrics.get("saturated_share")
+    assert there.provenance["controller"] != here.provenance["controller"]
+
+
+def test_a_target_that_a_controller_cannot_have_is_refused() -> None:
+    with pytest.raises(InvalidValueError, match="'adaptive-angle' brings z to 0 alone, not to a t"):
+        afl.simulate_mujoco(THERE, "adaptive-angle")
+    tilted = replace(LEAN, requirements=afl.Requirements(target={"phi": 0.2}))
+    with pytest.raises(InvalidValueError, match="'lqr' balances upright: its target of phi must"):
+        afl.compare(tilted, ["lqr"])
+    afl.simulate_mujoco(tilted, lambda *_: 0.0)  # one of one's own knows where it goes

@@ -317,7 +317,7 @@ def run_estimating(
     at, plan, profile, run, pending, record, initial_state, sensors, actuator, estimator
 ):
     """Run the cart-pole with M, l and state estimated; `estimates` takes M, l of each tick."""
-    (kind, table, masses, lengths), filter_, settings, estimates = estimator
+    (kind, table, masses, lengths, home), filter_, settings, estimates = estimator
     start(at, plan, profile, run, record, initial_state)
     tick = 0
     while run.marks.status == RUNNING:
@@ -334,7 +334,7 @@ def run_estimating(
             estimates[tick, 0], estimates[tick, 1] = mass, length
         assumed = (mass, settings.pole_mass, length, settings.gravity)
         run.command[0] = compiled_force(
-            kind, table, masses, lengths, z, phi, z_dot, phi_dot, assumed
+            kind, table, masses, lengths, home, z, phi, z_dot, phi_dot, assumed
         )
         advance(at, plan, actuator, profile, run, pending, record)
         tick += 1
