@@ -60,8 +60,9 @@ def write_page(folder: Path, films: Path) -> Path:
     reports = {record.study.name: record.report for record in records}
     # films beside a page may be of results that were there before
     commands = [record.command for record in records]
-    shown = film_sections(folder, commands) if folder != films else []
-    last = [*(shown or film_sections(films)), _reproduce(records)]
+    inputs = {pair for record in records for pair in record.inputs.items()}
+    shown = film_sections(folder, inputs, commands) if folder != films else []
+    last = [*(shown or film_sections(films, inputs)), _reproduce(records)]
     files = {name for record in records for name in record.files}
     write_text(folder / PAGE, to_html(TITLE, reports, folder, last, files))
     return folder / PAGE
@@ -72,6 +73,13 @@ def _reproduce(records: Sequence[Record]) -> Section:
     from afl_mujoco.report.markdown import code
 
     blocks: list[Block] = []
+    found: dict[str, dict[str, str]] = {}
+    for record in records:
+        for name, digest in record.inputs.items():
+            found.setdefault(name, {}).setdefault(digest, f"{record.study.stem}.json")
+    for name, places in found.items():
+        if len(places) > 1:
+            blocks.append(f"**{name} is not the same in {' and '.join(places.values())}.**")
     for record in records:
         made_by = ", ".join(f"{name} {number}" for name, number in record.versions.items())
         made = code(f"{record.study.stem}.json")

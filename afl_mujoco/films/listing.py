@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Collection, Container
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -73,13 +73,21 @@ LEDE = (
 )
 
 
-def sections(folder: Path, commands: Container[str] | None = None) -> list[Section]:
+def sections(
+    folder: Path, inputs: Collection[tuple[str, str]], commands: Container[str] | None = None
+) -> list[Section]:
     """Return the films of a folder for a report, the wide ones first; nothing if there are none.
 
-    Only those that some commands made, if these are given.
+    Only those of the scenarios that the report is of, by the digests that are its `inputs`, and of
+    no other version of its controllers; those that some commands made, if these are given.
     """
-    every = load_listing(folder)
-    kept = [one for one in every if commands is None or one.command in commands]
+    every, names = load_listing(folder), {name for name, _ in inputs}
+    kept = [
+        one for one in every
+        if (commands is None or one.command in commands)
+        and all(pair in inputs for pair in one.inputs.items() if pair[0] in names)
+        and (f"scenario {one.scenario}" in names or not names)
+    ]  # fmt: skip
     if not kept:
         return []
     entries = sorted(kept, key=lambda one: len(one.controllers) < 2)

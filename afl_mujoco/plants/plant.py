@@ -333,7 +333,7 @@ class Plant:
                 object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
-        owner: dict[str, str] = {}
+        owner = {"time": "time in tables", "command": "command in tables"}
         for kind, names in {
             "state": self.states, "input": self.inputs, "parameter": self.parameters,
             "command": [f"{name}_command" for name in self.inputs], "signal": self.signals,

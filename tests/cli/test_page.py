@@ -11,7 +11,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from afl_mujoco.cli.study import inputs_of, require_page, write_page
+from afl_mujoco.cli.study import _reproduce, inputs_of, require_page, write_page
 from afl_mujoco.control.names import PAPER
 from afl_mujoco.errors import FileError
 from afl_mujoco.studies.estimation import CASES
@@ -114,6 +114,16 @@ def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
         found = inputs_of(study.parts.prepare(study.parts.Options(**options)))
         things = [f"scenario {one}" for one in scenarios]
         assert [*found] == things + [f"controller {one}" for one in controllers]
+
+
+def test_results_of_two_versions_of_a_scenario_are_named() -> None:
+    both = [
+        replace(study_results.record(name), inputs={"scenario a": name})
+        for name in ("validate", "margins")
+    ]
+    first, *_ = _reproduce(both).blocks
+    assert first == "**scenario a is not the same in report.json and margins.json.**"
+    assert len(_reproduce(both).blocks) == len(_reproduce([both[0], both[0]]).blocks) + 1
 
 
 def test_a_folder_without_a_result_and_one_with_a_broken_one_are_refused(tmp_path) -> None:

@@ -28,7 +28,7 @@ def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path) -> None
         tmp_path, film_entry("a.mp4", deployment=held),
         film_entry("b.mp4", controllers=("adaptive", "lqr")), film_entry("c.mp4", scenario="other"),
     )  # fmt: skip
-    (section,) = sections(tmp_path)
+    (section,) = sections(tmp_path, set())
     assert [part.title for part in section.parts] == ["other", "step-step"]
     assert [part.folded for part in section.parts] == [True, True]
     wide, single = section.parts[1].blocks
@@ -36,6 +36,19 @@ def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path) -> None
     assert isinstance(wide, Film) and isinstance(single, Film)
     assert [wide.file.name, single.file.name] == ["b.mp4", "a.mp4"]
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
+
+
+def test_films_of_another_version_and_of_other_scenarios_are_left_out(tmp_path) -> None:
+    own = {"scenario step-step": "1", "controller lqr": "2"}
+    write_listing(
+        tmp_path, film_entry("a.mp4", inputs=own), film_entry("c.mp4", scenario="other"),
+        film_entry("b.mp4", inputs=own | {"scenario step-step": "0"}),
+        film_entry("d.mp4", inputs=own | {"controller lqr": "0"}),
+        film_entry("e.mp4", inputs={"scenario step-step": "1", "controller more": "5"}),
+    )  # fmt: skip
+    ((section,),) = (one.parts for one in sections(tmp_path, {*own.items()}))
+    assert [film.file.name for film in section.blocks] == ["a.mp4", "e.mp4"]
+    assert len(sections(tmp_path, set())[0].parts) == 2  # a report that is of no scenario
 
 
 def entry(**changes) -> str:

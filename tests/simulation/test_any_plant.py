@@ -262,6 +262,17 @@ def test_a_least_value_beyond_the_largest_about_the_target_is_refused(target, le
     assert afl.Scenario(name="own", plant=QUADROTOR, requirements=met).about("z") == target
 
 
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"signals": {"x": len}}, "signal 'x' must not be the name of the state too"),
+    ({"signals": {"left_command": len}}, "signal 'left_command' must not be the name of the comm"),
+    ({"signals": {"command": len}}, "signal 'command' must not be the name of the command in tab"),
+    ({"coordinates": ("time", "z", "pitch", "cable")}, "state 'time' must not be the name of the "),
+])  # fmt: skip
+def test_a_name_that_stands_for_something_else_too_is_refused(changes, said) -> None:
+    with pytest.raises(InvalidValueError, match=said):
+        replace(QUADROTOR, **changes)
+
+
 def test_what_no_slide_could_do_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):
         PlantModel(replace(QUADROTOR, wraps=("x",)))
