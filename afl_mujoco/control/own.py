@@ -8,12 +8,13 @@ import dis
 import hashlib
 import inspect
 import math
+import numbers
 import os
 import types
 from collections import namedtuple
 from collections.abc import Callable, Collection, Iterator
 from contextvars import ContextVar
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -79,12 +80,26 @@ def why_it_remembers(function: Any) -> str:
     if _declared(function):
         return ""
     if isinstance(function, partial):
-        return why_it_remembers(function.func)
+        bound = (*function.args, *function.keywords.values())
+        changeable = not all(_is_constant(x) for x in bound)
+        return why_it_remembers(function.func) or _COUNTS * changeable
     if not _is_function(function):
         return _COUNTS
     if written := _written(function):
         return f"it writes {written!r}, which outlives the call: make it a class"
     return ""
+
+
+def _is_constant(x: Any) -> bool:
+    """Return whether a bound argument cannot keep anything: numbers, text, what is declared so."""
+    if is_dataclass(x) and vars(type(x))["__dataclass_params__"].frozen:
+        x = tuple(getattr(x, one.name) for one in fields(x))
+    if isinstance(x, tuple):
+        return all(_is_constant(one) for one in x)
+    if isinstance(x, np.ndarray):
+        return not x.flags.writeable
+    plain = isinstance(x, numbers.Number | str | bytes | np.generic | None)
+    return plain or _declared(x) or _is_function(x)
 
 
 def fresh(name: str, function: Any) -> Any:

@@ -303,7 +303,7 @@ def _messages(result: Result) -> Iterator[str]:
         )
     for name, runs in result.runs.items():
         if all(run.failure for run in runs):
-            yield f"{name} passes no sample, so no harder one is searched for."
+            yield f"{name} passes no sample, so that there is none harder to search for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
     lines = [
@@ -312,7 +312,10 @@ def _messages(result: Result) -> Iterator[str]:
         if (runs := result.failures(name))
     ]
     if lines:
-        yield "Replay a failure, identical to the last bit, from the folder of the results:"
+        yield (
+            "Replay a failure, identical to the last bit: the files are in the folder of the "
+            "results, and a controller of your own is looked for where the command runs."
+        )
         yield "```sh\n" + "\n".join(lines) + "\n```"
 
 

@@ -405,7 +405,13 @@ class Resettable(Integrating):
         self.count = 0
 
 
+def counting_in(kept, time, state, belief):
+    kept[0] += 1.0
+    return kept[0]
+
+
 STATEFUL = {
+    "bound list": partial(counting_in, [0.0]), "bound array": partial(counting_in, np.zeros(1)),
     "class": Integrating, "factory": lambda: Integrating(), "instance with reset()": Resettable(),
     "method": Integrating().__call__, "partial": partial(Integrating().__call__),
 }  # fmt: skip
@@ -490,7 +496,10 @@ STATELESS = {
     "function": lambda time, state, belief: 3.0 * state[1] + time,
     "partial": partial(lambda gain, time, state, belief: gain * state[1] + time, 3.0),
     "instance that says so": Policy(), "its method": Policy().act,
-    "partial of it": partial(Policy()), "a variable that ends with the call": summing,
+    "partial of it": partial(Policy()),
+    "partial of constants": partial(lambda p, k, f, time, state, belief: k[0] * state[1] + time,
+                                    afl.CartPoleParameters(), (3.0, None), max),
+    "a variable that ends with the call": summing,
 }  # fmt: skip
 
 
