@@ -82,3 +82,8 @@ def test_levels_are_shown_in_the_unit_that_is_said() -> None:
     for one in IMPERFECTIONS:
         expected = 100.0 if one.unit == "%" else 1000.0 if prefixed.match(one.unit) else 1.0
         assert one.scale == expected, one.name
+
+
+def test_a_level_of_an_encoder_is_that_of_the_angle_and_a_tenth_of_it_in_metres() -> None:
+    (one,) = (x for x in IMPERFECTIONS if x.name == "encoder_step")
+    assert one.options(0.02) == {"encoder_step.phi": 0.02, "encoder_step.z": 0.002}

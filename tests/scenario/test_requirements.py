@@ -89,3 +89,12 @@ def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
     short = afl.ForcePulse(force=5.0, start=1.5, duration=0.5)
     for inner in (short, afl.Impulse(momentum=1.0, time=2.9)):
         assert recoveries(10.0, (long, inner)[::order]) == [(3.0, 10.0)]
+
+
+def test_overlapping_disturbances_are_recovered_from_together() -> None:
+    pulses = [
+        afl.ForcePulse(force=1.0, start=start, duration=length)
+        for start, length in ((1.0, 0.1), (3.0, 0.2), (3.1, 0.5), (5.0, 0.1))
+    ]
+    found = recoveries(8.0, pulses)
+    assert sum(found, ()) == pytest.approx((1.1, 3.0, 3.6, 5.0, 5.1, 8.0))
