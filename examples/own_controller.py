@@ -1,4 +1,4 @@
-"""Your own controller in ten lines: steer the pole, and let its lean bring the cart home."""
+"""Your own controller in a few lines: steer the pole, and let its lean bring the cart home."""
 
 from math import cos, sin
 

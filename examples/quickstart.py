@@ -1,4 +1,4 @@
-"""Compare ten lines of one's own with LQR and the paper's controller."""
+"""Compare a controller of one's own with LQR and the paper's."""
 
 import afl_mujoco as afl
 
