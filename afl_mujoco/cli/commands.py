@@ -6,7 +6,7 @@ import os
 import re
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -400,13 +400,11 @@ class Simulate(_Deployed):
         from afl_mujoco.simulation.mujoco_rollout import require_not_held, simulate_mujoco
         from afl_mujoco.simulation.simulate import simulate_ode
 
-        options: Any = {}
-        if self.simulator == "sampled":
-            options = {"control_period": how.control_period, "integrator": how.integrator or "RK4"}
-        else:
-            require_not_held(self.simulator, self.control_period, self.integrator)
         if self.simulator == "ode":
+            require_not_held("ode", self.control_period, self.integrator)
             return simulate_ode(scenario, controller, sample_period=how.timestep or LONGEST_STEP)
+        given = how if self.simulator == "sampled" else self  # [replay] is of sampled mode
         return simulate_mujoco(
-            scenario, controller, self.simulator, timestep=how.timestep, **options
-        )
+            scenario, controller, self.simulator, timestep=how.timestep,
+            control_period=given.control_period, integrator=given.integrator or "RK4",
+        )  # fmt: skip

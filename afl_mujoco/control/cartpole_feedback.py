@@ -124,8 +124,8 @@ class StateFeedback(Controller):
         return CompiledController(self.kind, table, masses, lengths, self.home)
 
     def about(self, home: float) -> StateFeedback:
-        """Return the controller that brings the cart to another place [m]."""
-        return replace(self, home=home)
+        """Return the controller that brings the cart to a place [m]."""
+        return self if home == self.home else replace(self, home=home)
 
     def describe(self) -> dict[str, Any]:
         """Return the controller as plain data, for provenance."""

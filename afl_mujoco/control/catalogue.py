@@ -93,8 +93,8 @@ class AFLController(Controller):
         return _compiled(self.gain_function)._replace(home=self.home)
 
     def about(self, home: float) -> AFLController:
-        """Return the controller that brings the cart to another place [m]."""
-        return replace(self, home=home)
+        """Return the controller that brings the cart to a place [m]."""
+        return self if home == self.home else replace(self, home=home)
 
     def remarks(self, scenario: Scenario) -> list[str]:
         """Return where scheduled gains are used beyond the plants for which they were found."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.compiled import Callback, call, jitable, kernel
 from afl_mujoco.control.gains import scheduled_gain
-from afl_mujoco.control.law import force_kernel, linearizing_force
+from afl_mujoco.control.law import afl_force, force_kernel, linearizing_force
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
@@ -118,10 +118,7 @@ def compiled_force(kind, table, masses, lengths, home, z, phi, z_dot, phi_dot, a
 def force_from_inputs(kind, state, inputs, out):
     """Write the inputs [N] from gains already looked up, equal to `compiled_force` bit for bit."""
     if kind == AFL:
-        out[0] = force_kernel(
-            state[0] - inputs[7], state[1], state[2], state[3],
-            inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],
-        )  # fmt: skip
+        out[0] = afl_force(state, inputs, inputs[7])
     elif kind == AFFINE:  # u0 (k), the rows of K (k, 2n), the target and what comes round (2n)
         k, states = len(out), len(state)
         target = k + k * states
@@ -231,7 +228,9 @@ class Controller(Protocol):
         return self
 
     def about(self, home: float) -> Controller:
-        """Return the controller that brings the cart to another place than 0 [m], or raise."""
+        """Return the controller that brings the cart to a place [m], or raise."""
+        if home == 0.0:
+            return self
         rule = "brings z to 0 alone, not to a target in [requirements]"
         raise InvalidValueError(f"controller {self.name!r}", rule, f"{home:g} m")
 

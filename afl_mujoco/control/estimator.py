@@ -366,7 +366,7 @@ class EstimatedController(Controller):
         ]
 
     def about(self, home: float) -> EstimatedController:
-        """Return the same with the controller inside about another place [m]."""
+        """Return the same with the controller inside about a place [m]."""
         return replace(self, controller=self.controller.about(home))
 
     def without_estimator(self) -> Controller:

@@ -135,10 +135,10 @@ def force_kernel(
 
 
 @kernel
-def afl_force(state, inputs):
-    """Return the force [N] from a state and (M, m, l, g, K, lambda, Phi) as assumed, shape (7,)."""
+def afl_force(state, inputs, home=0.0):
+    """Return the force [N] from a state and (M, m, l, g, K, lambda, Phi) as assumed, about a z."""
     return force_kernel(
-        state[0], state[1], state[2], state[3],
+        state[0] - home, state[1], state[2], state[3],
         inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5], inputs[6],
     )  # fmt: skip
 

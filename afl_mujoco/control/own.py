@@ -92,7 +92,7 @@ def why_it_remembers(function: Any) -> str:
 
 def _is_constant(x: Any) -> bool:
     """Return whether a bound argument cannot keep anything: numbers, text, what is declared so."""
-    if is_dataclass(x) and vars(type(x))["__dataclass_params__"].frozen:
+    if is_dataclass(type(x)) and type(x).__dataclass_params__.frozen:
         x = tuple(getattr(x, one.name) for one in fields(x))
     if isinstance(x, tuple):
         return all(_is_constant(one) for one in x)

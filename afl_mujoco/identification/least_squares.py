@@ -327,7 +327,7 @@ def _covariance(
     weights = _weights(rest)
     curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
     system = _reduced(shared[..., free], own, rest, curvature)
-    bread, open_ = _inverse(system.matrix)
+    bread, endless = _inverse(system.matrix)
     undone = system.slopes / np.sqrt(curvature)[..., None]
     scores = np.einsum("bri,br->bi", undone, weights * rest)
     groups = np.unique(clusters)
@@ -339,7 +339,7 @@ def _covariance(
     spread = bread @ scores.T  # squared last, lest round-off makes a variance negative
     factor = (len(scores) / degrees) * (max(1, known - 1) / left)
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = spread @ spread.T * factor + np.diag(open_)
+    covariance[np.ix_(free, free)] = spread @ spread.T * factor + np.diag(endless)
     return covariance, degrees
 
 

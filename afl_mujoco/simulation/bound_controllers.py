@@ -40,10 +40,9 @@ def bound(controller: Controller, scenario: Scenario) -> Controller:
 
 def _about_target(controller: Controller, scenario: Scenario) -> Controller:
     """Return a controller of the cart-pole about the target of a scenario, one's own as it is."""
-    own = isinstance(controller, PythonController) and controller.function is not angle.force
-    home, upright = scenario.target
-    if own or not (home or upright):
+    if isinstance(controller, PythonController) and controller.function is not angle.force:
         return controller
+    home, upright = scenario.target
     if upright:
         rule = "balances upright: its target of phi must be 0"
         raise InvalidValueError(f"controller {controller.name!r}", rule, f"{upright:g} rad")

@@ -405,6 +405,10 @@ class Resettable(Integrating):
         self.count = 0
 
 
+class Nominal(afl.CartPoleParameters):
+    """Of a frozen dataclass, and none itself."""
+
+
 def counting_in(kept, time, state, belief):
     kept[0] += 1.0
     return kept[0]
@@ -498,7 +502,7 @@ STATELESS = {
     "instance that says so": Policy(), "its method": Policy().act,
     "partial of it": partial(Policy()),
     "partial of constants": partial(lambda p, k, f, time, state, belief: k[0] * state[1] + time,
-                                    afl.CartPoleParameters(), (3.0, None), max),
+                                    Nominal(), (3.0, None), max),
     "a variable that ends with the call": summing,
 }  # fmt: skip
 

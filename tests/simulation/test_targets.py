@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import label_of
 from tests.plants.plants import known
 
@@ -120,6 +122,8 @@ def test_the_controllers_of_the_cart_pole_bring_it_to_its_target(name: str) -> N
         np.testing.assert_allclose(there.force, here.force, atol=1e-9)
         assert there.metrics.get("saturated_share") == here.metrics.get("saturated_share")
     assert there.provenance["controller"] != here.provenance["controller"]
+    again = bound(bound(find_controller(name), THERE), LEAN)  # it is of no scenario before
+    assert again.describe() == find_controller(name).describe()
 
 
 def test_a_target_that_a_controller_cannot_have_is_refused() -> None:
