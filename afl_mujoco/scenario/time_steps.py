@@ -132,6 +132,9 @@ def ticks_of(
     The control period [s] is for a scenario that does not set it; None is one step.
     """
     own = scenario.imperfections.control_period
+    for thing, given in (("control_period", control_period), ("timestep", timestep)):
+        if given is not None:
+            require_positive(thing, given)
     period = control_period if own is None else own
     if period is not None and period > scenario.duration:
         rule = f"must be within the duration {scenario.duration:g} s (in seconds, not Hz)"

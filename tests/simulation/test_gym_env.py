@@ -158,6 +158,9 @@ def test_without_a_render_mode_there_is_no_picture() -> None:
 
 @pytest.mark.parametrize(("settings", "options", "message"), [
     ({"control_period": 0.0}, None, "control_period must be positive"),
+    ({"camera": "sid"}, None, "camera must be one of side, fixed, got 'sid'; did you mean side"),
+    ({"camera": 9}, None, "camera must be at most 1, got 9"),
+    ({"width": 5000}, None, "width must be at most 1920, got 5000"),
     ({}, {"initial_state": (0, 0, 0, 0)}, "options of reset must be empty, got initial_state"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, options, message) -> None:

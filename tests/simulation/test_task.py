@@ -128,11 +128,21 @@ def test_an_episode_ends_where_the_pole_falls_or_the_state_diverges_with_discoun
 
 
 @pytest.mark.parametrize("period", [0.001, 0.007, 0.3])
-def test_an_episode_lasts_the_duration_rounded_up_to_whole_periods(period):
+def test_an_episode_ends_at_the_duration_whose_last_period_may_be_shorter(period):
     scenario = _short("nominal", 0.3, initial_state=(0, 0, 0, 0))
     environment = afl.load(scenario, control_period=period)
     step, count = played(environment, 0.0)
     assert count == math.ceil(round(0.3 / period, 9)) and step.discount == 1.0
+    assert environment.physics.time() == pytest.approx(0.3, abs=1e-12)
+
+
+def test_a_pole_that_falls_past_the_duration_has_not_fallen():
+    scenario = _short("nominal", 0.486, initial_state=(0.0, 0.5, 0.0, 0.0))
+    rest = PythonController(name="rest", function=lambda time, state, belief: 0.0)
+    run = afl.simulate_mujoco(scenario, rest, mode="sampled", control_period=0.1)
+    step, _ = played(environment := afl.load(scenario, control_period=0.1), 0.0)
+    np.testing.assert_array_equal(environment.physics.world.state, run.state[-1])
+    assert step.discount == 1.0
 
 
 def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
@@ -166,6 +176,9 @@ def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
 @pytest.mark.parametrize(("settings", "message"), [
     ({"scenario": "nowhere"}, "scenario must be one of nominal"),
     ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
+    ({"timestep": 7e-4, "scenario": AT_100_HZ}, "timestep 0.0007 s must divide"),
+    ({"timestep": 7e-3}, "timestep must divide the duration of the scenario, 20 s"),
+    ({"timestep": "a"}, "timestep must be a number, got 'a'"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
     ({"random": 1.5}, "random must be a whole number, got 1.5"),
     ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),

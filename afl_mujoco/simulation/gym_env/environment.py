@@ -8,17 +8,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import mujoco
 import numpy as np
 from dm_env import TimeStep
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError
+from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.simulation.decor import LARGEST
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import Balance, load
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
@@ -171,9 +173,11 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.randomize = randomize
-        if camera is None:
-            camera = 0 if self.dm_environment.physics.model.ncam else -1
-        self._picture = {"height": height, "width": width, "camera_id": camera}
+        self._picture = {
+            "height": require_count("height", height, 1, LARGEST[1]),
+            "width": require_count("width", width, 1, LARGEST[0]),
+            "camera_id": _camera(self.dm_environment.physics.model.ptr, camera),
+        }
         self._under_way = self._closed = False
 
     @property
@@ -249,6 +253,18 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
 
 
 CartPoleEnv = ScenarioEnv  # what it was called when there was no other plant
+
+
+def _camera(model: mujoco.MjModel, camera: str | int | None) -> str | int:
+    """Return a camera of a model, the first or a free one by default, or raise."""
+    if camera is None:
+        return 0 if model.ncam else -1
+    if isinstance(camera, str):
+        names = [model.camera(number).name for number in range(model.ncam)]
+        if camera not in names:
+            raise UnknownNameError.among("camera", camera, names)
+        return camera
+    return require_count("camera", camera, -1, model.ncam - 1)
 
 
 def require_no_options(options: dict[str, Any] | None) -> None:

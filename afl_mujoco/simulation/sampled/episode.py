@@ -119,6 +119,7 @@ class World:
     def follow(self, scenario: Scenario, episode: Episode | None = None) -> None:
         """Take a scenario of the plant, of which the episode may be known; `begin` starts it."""
         self.scenario = scenario
+        self.last = len(step_times(scenario.duration, self.timestep)) - 1  # instant of the horizon
         self.model.set_imperfections(scenario.imperfections)
         self.episode = episode or _episode_of(self.model, scenario, self.timestep, self.hold)
 
@@ -138,9 +139,12 @@ class World:
     def advance(self, instant: int, steps: int) -> int:
         """Advance under the commands in MjData, which then holds what the drives exert.
 
-        Return the instant reached, an earlier one where the state diverged.
+        Return the instant reached: that of the horizon where it is nearer, as a run ends there, and
+        an earlier one where the state diverged.
         """
         e = self.episode
+        if instant < self.last:
+            steps = min(steps, self.last - instant)
         reached: int = _advance(
             self.model.addresses, self.timestep, e.endless, e.profile, e.rows, e.which, e.actuators,
             self.run, self.pending, instant, steps,
@@ -149,7 +153,8 @@ class World:
 
     def measured(self, instant: int) -> Floats:
         """Measure the state, shape (2 n,); filters and differences must see each tick once."""
-        sense(self.model.addresses, self.episode.sensors, self.run, instant // self.hold)
+        tick = -(-instant // self.hold)  # the last control period may be shorter
+        sense(self.model.addresses, self.episode.sensors, self.run, tick)
         return self.run.measured.copy()
 
     def told(self, instant: int) -> Floats:
