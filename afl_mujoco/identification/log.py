@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, meant, reading
 from afl_mujoco.files import atomic_file, read_utf8
-from afl_mujoco.identification.description import UNITS, Description
+from afl_mujoco.identification.description import UNITS, Description, SensorColumn
 from afl_mujoco.values import require_distinct, within
 
 Floats = NDArray[np.float64]
@@ -21,7 +21,12 @@ Floats = NDArray[np.float64]
 MOST_BYTES = 100_000_000  # largest size of a file that is read
 LEAST_ROWS = 50  # least number of rows of a log: a second at 50 Hz
 PERIOD_DIFFERENCE = 0.1  # largest relative difference of a period from the nominal one
-LARGEST = 1e20  # bound on the numbers in a log: nanoseconds since 1970 are below it
+LARGEST = {"time": 1e20, "phi": 1e7, "z": 1e6, "command": 1e9}
+"""Bounds on the numbers in a log: nanoseconds since 1970 [any unit], [rad], [m] and a command."""
+
+SPIKE = 2.0
+"""Step of a reading [of the step that 98 % are below] which, if the readings step back within two
+rows, no cart-pole makes: 0.5 at most in our recordings, end stops included."""
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
@@ -105,11 +110,13 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
     """Return a log from its columns by header, in the units of the description, or raise."""
     d = description
     columns = {signal: table[header] for signal, header in d.columns.items()}
+    units = {"phi": abs(d.phi.si), "z": abs(d.z.si)}
     for signal, values in columns.items():
-        fine = np.abs(values) < LARGEST
+        largest = LARGEST[signal] / units.get(signal, 1.0)
+        fine = np.abs(values) < largest
         if not fine.all():
             row = int(np.argmin(fine)) + 1
-            rule = f"must be numbers below {LARGEST:g}"
+            rule = f"must be numbers below {largest:g}"
             raise InvalidValueError(d.columns[signal], rule, f"{values[row - 1]:g} in row {row}")
     if len(columns["time"]) < LEAST_ROWS:
         raise InvalidValueError("rows", f"must be at least {LEAST_ROWS}", len(columns["time"]))
@@ -140,7 +147,22 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
         name=name, time=stamps, phi=phi, turns=turns, valid=valid, z=z, command=command,
         slots=slots, period=period, jitter=0.0,
     )  # fmt: skip
+    for values, sensor in ((log.angle, d.phi), (z, d.z)):
+        _require_no_spike(values, log, sensor)
     return _on_its_clock(log)
+
+
+def _require_no_spike(values: Floats, log: Log, sensor: SensorColumn) -> None:
+    """Raise if a reading jumps there and back, as no motion does."""
+    steps = np.diff(values) / np.diff(log.slots)
+    usual = float(np.quantile(np.abs(steps[steps != 0.0]), 0.98))
+    far = np.sign(steps) * (np.abs(steps) > SPIKE * max(usual, sensor.count))
+    back = (far[:-2] * far[1:-1] < 0.0) | (far[:-2] * far[2:] < 0.0)
+    if back.any():
+        row = int(np.argmax(back)) + 1
+        rule = "must not jump there and back within two rows (mend the log, or leave the rows out)"
+        jump = steps[row - 1] / sensor.si
+        raise InvalidValueError(sensor.column, rule, f"{jump:+.4g} {sensor.unit} in row {row + 1}")
 
 
 def _stamps(stamps: Floats, description: Description) -> tuple[Floats, NDArray[np.int64], float]:
@@ -233,6 +255,8 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, Floats]:
         point = any("." in text for text in texts)  # then a comma is one between thousands
         for row, text in enumerate(texts):
             try:
+                if "_" in text:  # which Python reads as 10_000 is written
+                    raise ValueError
                 columns[header][row] = float(text if point else text.replace(",", "."))
             except ValueError:
                 rule = f"must have a number in column {header!r}, {by}"

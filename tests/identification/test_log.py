@@ -105,9 +105,15 @@ def changed(columns, name: str, row: int, value: float) -> dict[str, np.ndarray]
 
 
 BAD = {
-    "phi must be numbers below 1e+20, got nan in row 8": lambda c: changed(c, "phi", 7, np.nan),
+    "phi must be numbers below 1e+07, got nan in row 8": lambda c: changed(c, "phi", 7, np.nan),
     "time must increase from row to row, got a decrease in row 6": (
         lambda c: changed(c, "time", 5, 0.0)),
+    "phi must be numbers below 1e+07, got 1e+19 in row 8": lambda c: changed(c, "phi", 7, 1e19),
+    "z must not jump there and back within two rows (mend the log, or leave the rows out), got +": (
+        lambda c: {**c, "z": c["z"] + (np.arange(100) == 7)}),
+    "m in row 50": lambda c: {**c, "z": c["z"] + 50.0 * np.isin(np.arange(100), (49, 50))},
+    "phi must not jump there and back": (
+        lambda c: {**c, "phi": c["phi"] + 7.0 * (np.arange(100) == 40)}),
     "command must be within 1, got 1.5": lambda c: changed(c, "command", 3, 1.5),
     "phi must vary: the angle is constant in this log": lambda c: {**c, "phi": 0.0 * c["phi"]},
     "rows must be at least 50, got 20": lambda c: {name: x[:20] for name, x in c.items()},
@@ -143,6 +149,7 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, 
 @pytest.mark.parametrize(("change", "encoding", "message"), [
     (("0.08,", "0.08,,"), "utf-8", "row 5 (line 6) must have 4 values, separated by commas"),
     (("\n0.08,", "\n# a note\n\nx,"), "utf-8", "row 5 (line 8) must have a number in column 't"),
+    (("0.08,", "0.0_8,"), "utf-8", "row 5 (line 6) must have a number in column 'time', separated"),
     (("command", "comand"), "utf-8",
      "column 'command' is missing; the columns are time, phi, z, comand; did you mean comand?"),
     (("", ""), "utf-16", "not UTF-8 text: save it as UTF-8"),
