@@ -294,11 +294,13 @@ class PythonController(Controller):
         belief = _belief(self.function, given, cart_pole)
         falling = cart_pole and not abs(float(np.asarray(state)[1])) < 0.5 * np.pi
         limit, kind = self.call_limit, ""
+        # its first call may go to its own folder, where it would leave relative paths of others
+        place = contextlib.nullcontext() if self.called else contextlib.chdir(os.curdir)
         if not self.called and self.first_call_limit > limit and self._known_as not in _hung:
             limit, kind = self.first_call_limit, " its first call"
         object.__setattr__(self, "called", True)
         try:
-            with limited(limit):
+            with limited(limit), place:
                 value = self.function(float(time), np.array(state, dtype=np.float64), belief)
         except ControllerDomainError:
             return math.nan
@@ -370,7 +372,7 @@ def _as_floats(value: Any, count: int) -> Floats:
         array = np.array([float(value)])
     if array.dtype.kind in "OV" and not any(isinstance(x, _NO_NUMBERS) for x in array.flat):
         array = np.array([float(x) for x in array.flat])
-    if array.size != count or array.dtype.kind not in "fiu":
+    if array.size != count or array.dtype.kind not in "fiu" or np.ma.is_masked(value):
         raise ValueError
     return array.astype(np.float64).reshape(count)
 

@@ -125,11 +125,18 @@ def test_one_number_in_any_shape_is_a_force(value):
 @pytest.mark.parametrize(("value", "said"), [
     (None, "None"), ("3", "'3'"), (True, "True"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
     (np.zeros((1, 2)), "an array of shape (1, 2) of float64"), (Mute(), "<Mute without a text>"),
+    (np.ma.masked_invalid([np.nan]), "an array of shape (1,) of float64"),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_what_is_no_number_is_answered_in_one_line(value, said):
     expected = line(f"controller 'mine' must return one number at t = 0.5 s, got {said}")
     with pytest.raises(ControllerError, match=expected):
         controller_of(lambda *_: value).command(0.5, STATE, ASSUMED)
+
+
+def test_a_first_call_that_changes_the_folder_leaves_us_where_we_were(tmp_path):
+    here = os.getcwd()
+    controller = controller_of(lambda *_: float(os.chdir(tmp_path) is None))
+    assert controller.command(0.0, STATE, ASSUMED) == 1.0 and os.getcwd() == here
 
 
 @pytest.mark.parametrize("raised", [ZeroDivisionError("x"), SystemExit("x")], ids=repr)

@@ -55,6 +55,11 @@ def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
     assert set(provenance["versions"]) >= {"afl_mujoco", "mujoco", "numpy", "scipy"}
 
 
+def test_a_run_is_not_written_over_a_folder(saved):
+    with pytest.raises(FileError, match=line(". must be a file to write, not a folder")):
+        saved[0].save("")
+
+
 OBJECTS = {name: np.array([object()]) for name in ARRAYS}
 SPOILED = {
     "garbage": lambda p: p.write_bytes(bytes(range(256))),
