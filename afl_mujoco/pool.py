@@ -331,8 +331,7 @@ def open_cluster(address: str) -> Iterator[Executor]:
     try:
         import distributed
     except ImportError:
-        extra = f"pip install {PACKAGE.replace('_', '-')}[cluster]"
-        raise _error(address, f"needs Dask: {extra}") from None
+        raise _error(address, "needs Dask: pip install distributed") from None
     for name in ("distributed", "distributed.client", "tornado.application"):
         logging.getLogger(name).setLevel(100)  # they log errors that are raised anyway
 

@@ -1,6 +1,6 @@
 """A policy learned on random physics by PPO, then run as a controller like any other.
 
-``pip install "afl-mujoco[rl]"``, then from this folder::
+``pip install "..[rl]"`` in this folder, then::
 
     python learned_policy.py                      # some two minutes on two cores: policy.zip
     afl-mujoco compare rl.toml --controllers learned_policy:controller lqr adaptive --film

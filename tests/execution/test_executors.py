@@ -133,7 +133,7 @@ def test_what_is_no_place_to_work_is_refused_and_without_dask_a_cluster_is_none(
     for workers, cluster, said in (
         (0, None, "workers must be at least 1, got 0"),
         (1, "a.b:1", line("cluster must be ", ..., ", got 'a.b:1'")),
-        (2, NOWHERE, line(..., "needs Dask: pip install afl-mujoco[cluster]")),
+        (2, NOWHERE, line(..., "needs Dask: pip install distributed")),
     ):
         with pytest.raises(AflMujocoError, match=said), open_executor(workers, cluster):
             pass

@@ -215,7 +215,7 @@ def test_without_dm_control_or_gymnasium_one_line_says_what_installs_it() -> Non
     package = "afl_mujoco.simulation.gym_env"
     lines = ("try: register()", SAYS, f"try: import {package}.environment", SAYS)
     said = run_without("gymnasium", f"from {package}.registration import register", *lines)
-    assert said == ["Gymnasium is not installed: pip install afl-mujoco[gym]"] * 2
+    assert said == ["Gymnasium is not installed: pip install gymnasium"] * 2
 
 
 CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)

@@ -26,7 +26,7 @@ LABORATORY = "laboratory"
 def require_gymnasium() -> None:
     """Raise if Gymnasium is not installed."""
     if sys.modules.get(GYMNASIUM) is None and importlib.util.find_spec(GYMNASIUM) is None:
-        raise AflMujocoError("Gymnasium", "is not installed: pip install afl-mujoco[gym]")
+        raise AflMujocoError("Gymnasium", "is not installed: pip install gymnasium")
 
 
 def environment_id(scenario: str, *, randomize: bool = False) -> str:
