@@ -11,10 +11,9 @@ import signal
 import sys
 import threading
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
-from queue import SimpleQueue
 from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
@@ -271,38 +270,21 @@ def _exit_after_parent() -> None:
         os._exit(1)
 
 
-Task = Callable[[slice], object]  # on some items; independent of those before
+def on_threads(
+    function: Callable[[Unit], Result], items: Iterable[Unit], threads: int
+) -> list[Result]:
+    """Return what a function makes of each item, in order; one thread is that of the caller.
 
-
-def share(count: int, tasks: Sequence[Task], part: int) -> None:
-    """Process all items with one thread per task; a single task runs in the thread of the caller.
-
-    Each task has its own memory and processes one part at a time. An error or a Ctrl-C stops the
-    work once every thread has done its current part; of several errors, that of the first item is
-    raised.
+    An error or a Ctrl-C stops the work once every thread has done its item; of several errors, that
+    of the first item is raised.
     """
     from concurrent.futures import ThreadPoolExecutor
 
-    parts = [slice(first, min(first + part, count)) for first in range(0, count, part)]
-    if len(tasks) == 1:
-        for items in parts:
-            tasks[0](items)
-        return
-    free: SimpleQueue[Task] = SimpleQueue()
-    for task in tasks:
-        free.put(task)
-
-    def do(items: slice) -> None:
-        task = free.get()
+    if threads == 1:
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(threads) as pool:
         try:
-            task(items)
-        finally:
-            free.put(task)
-
-    with ThreadPoolExecutor(len(tasks)) as pool:
-        try:
-            for future in [pool.submit(do, items) for items in parts]:  # in order: the first error
-                future.result()
+            return [future.result() for future in [pool.submit(function, x) for x in items]]
         finally:
             pool.shutdown(cancel_futures=True)
 

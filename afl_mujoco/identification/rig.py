@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Mapping
-from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.least_squares import Parameter
 from afl_mujoco.identification.log import Windows
 from afl_mujoco.identification.pole import coulomb_motion
-from afl_mujoco.pool import share
+from afl_mujoco.pool import on_threads
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters
 from afl_mujoco.simulation.mujoco_model import CartPoleModel
@@ -138,11 +137,15 @@ class Rig:
             model.compute_only()
         if friction > 0.0:
             track = np.empty((len(starts), forces.shape[1] + 1, 4))
+            idle = deque(self._models)  # one for each thread
 
-            def move(at: Any, part: slice) -> None:
-                coulomb_motion(at, starts[part], forces[part], friction, step, track[part])
+            def move(first: int) -> None:
+                model, part = idle.popleft(), slice(first, first + 8)
+                motion = starts[part], forces[part], friction, step, track[part]
+                coulomb_motion(model.addresses, *motion)
+                idle.append(model)
 
-            share(len(starts), [partial(move, one.addresses) for one in self._models], part=8)
+            on_threads(move, range(0, len(starts), 8), self.workers)
             return track
         full, model = mujoco.mjtState.mjSTATE_FULLPHYSICS, self._models[0].mj_model
         initial = np.zeros((len(starts), mujoco.mj_stateSize(model, full)))

@@ -101,7 +101,6 @@ class RunState(NamedTuple):
     before: Floats  # the state before and after a step, shape (2 n,)
     after: Floats
     peak: Floats  # largest deviations of the coordinates so far, shape (n,)
-    iae: Floats  # integrals of their magnitudes, shape (n,)
     space: Floats  # work space, shape (k + 5 n,)
 
 
@@ -153,7 +152,7 @@ def new_run(n: int = 2, k: int = 1) -> RunState:
     marks = np.zeros(1, MARKS)
     marks["status"] = marks["written"] = RUNNING
     of_states = {name: np.zeros(2 * n) for name in ("measured", "seen", "before", "after")}
-    others = {"peak": np.zeros(n), "iae": np.zeros(n), "space": np.zeros(k + 5 * n)}
+    others = {"peak": np.zeros(n), "space": np.zeros(k + 5 * n)}
     return RunState(marks[0], np.zeros(k, DRIVE), np.zeros(k), **of_states, **others)
 
 

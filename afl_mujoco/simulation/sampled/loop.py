@@ -281,7 +281,6 @@ def advance(at, plan, actuator, profile, run, pending, record):
         length = 1.0  # of this step, in steps: only the last may be shorter
         if k == plan.steps - 1 and plan.last < plan.timestep:
             length = plan.last / plan.timestep
-        half = 0.5 * plan.timestep * length
         _drive(at, plan, actuator, profile, run, pending, record, k, length)
         read_state(at, run.before)
         _step(at, plan, profile, run, k, length)
@@ -289,10 +288,6 @@ def advance(at, plan, actuator, profile, run, pending, record):
         if not within_limits(run.after):
             marks.status = ending_of(criterion, run.before)
             return
-        for i in range(at.n):  # trapezoidal rule, as of the metrics of a recorded run
-            target, wraps = criterion.target[i], criterion.wraps[i]
-            before = abs(deviation(run.before[i], target, wraps))
-            run.iae[i] += half * (before + abs(deviation(run.after[i], target, wraps)))
         _enter(at, plan, profile, run, record, k + 1)
         if marks.status != RUNNING:
             return

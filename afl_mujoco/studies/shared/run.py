@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
@@ -12,7 +13,9 @@ import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import require_count
 from afl_mujoco.plants.plant import Plant
+from afl_mujoco.pool import MOST_WORKERS, on_threads
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
@@ -201,27 +204,32 @@ def run_kept(
     """Do the same, and keep the trajectories; a run whose controller fails has none."""
     from afl_mujoco.control.catalogue import GainError
     from afl_mujoco.control.own import ControllerError
-    from afl_mujoco.errors import AflMujocoError
-    from afl_mujoco.simulation.sampled.rollouts import roll_out  # not before MuJoCo may be imported
+    from afl_mujoco.simulation.bound_controllers import bound  # not before MuJoCo may be imported
+    from afl_mujoco.simulation.mujoco_model import SimulatedModel
+    from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
-    def made(scenario: Scenario, run: Trajectory, integrals: Mapping[str, float]) -> Any:
-        return run_of(scenario, controller, run, integrals), run if keep else None
+    models: dict[tuple[int, Plant], SimulatedModel] = {}  # of each thread
 
-    caught = (ControllerError, GainError)
-    found = roll_out(scenarios, controller, deployed, made, threads=threads, caught=caught)
-    return [
-        (_failed(scenario, controller, str(one)), None) if isinstance(one, AflMujocoError) else one
-        for scenario, one in zip(scenarios, found, strict=True)
-    ]
+    def made(scenario: Scenario) -> tuple[Run, Trajectory | None]:
+        plant = threading.get_ident(), scenario.plant
+        if (model := models.get(plant)) is None:
+            models[plant] = model = SimulatedModel(scenario.plant, integrator=deployed.integrator)
+        model.set_imperfections(scenario.imperfections)
+        model.compute_only()
+        try:
+            own = bound(controller, scenario)
+            run = simulate_sampled(scenario, own, deployed, model=model)
+        except (ControllerError, GainError) as error:
+            return _failed(scenario, controller, str(error)), None
+        return run_of(scenario, controller, run), run if keep else None
+
+    require_count("threads", threads, 1, MOST_WORKERS)
+    alone = controller.interpreted  # threads do not speed it up; here it can be stopped
+    return on_threads(made, scenarios, 1 if alone else min(threads, max(len(scenarios), 1)))
 
 
-def run_of(
-    scenario: Scenario,
-    controller: Controller,
-    run: Trajectory,
-    integrals: Mapping[str, float] | None = None,
-) -> Run:
-    """Return the row of a run that any simulator made, with the integrals that it summed up."""
+def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
+    """Return the row of a run that any simulator made."""
     requirements, ended = judge(scenario, run), run.outcome.time
     failure = failure_of(run.outcome.kind, requirements)
     if failure == "end_stops":  # when it reached one
@@ -229,7 +237,7 @@ def run_of(
         away = np.abs(run.state[:, [scenario.plant.states.index(name) for name in stops]])
         ended = float(run.time[np.argmax((away >= [*stops.values()]).any(axis=1))])
     settled = settling_time(scenario, run)
-    figures = {**run.metrics, **(integrals or {}), "settling_time": settled}
+    figures = {**run.metrics, "settling_time": settled}
     return Run(
         scenario=scenario.name,
         controller=controller.name,
