@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,8 @@ SHORTEST = 1e-9
 """Least length of a part of a segment [s]: parameters may pass nodes at one time, but for
 round-off."""
 
+ROUNDING = 1e-12  # share of a parameter by which the end of a ramp may miss its value
+
 
 @dataclass(frozen=True, slots=True)
 class Segment:
@@ -84,6 +86,22 @@ class Segment:
             impulse = none if parts else self.impulse
             parts.append(Segment(start, end, lines, self.push, impulse))
         return tuple(parts)
+
+
+class Event(NamedTuple):
+    """An instant at which momenta stay: a mass joins at rest, or a rate that acts jumps."""
+
+    time: float  # [s]
+    # parameters just before, but for those that jump under velocities that stay: they have, then;
+    # and just after
+    before: Floats
+    after: Floats
+    rates: tuple[Floats, Floats]  # of parameters that act on the motion, before and after [1/s]
+
+    @property
+    def joins(self) -> bool:
+        """Whether a mass joins."""
+        return bool((self.before != self.after).any())
 
 
 def _schedule(thing: str, value: object) -> Schedule:
@@ -477,16 +495,20 @@ class Scenario:
         )
 
     @property
-    def joins(self) -> tuple[float, ...]:
-        """Times [s] at which a parameter rises of which the plant says that momenta stay then."""
-        parts = zip(self.plant.parameters.values(), self.schedule.values(), strict=True)
-        return tuple(
-            time
-            for one, schedule in parts
-            if one.jump == "momenta"
-            for time in schedule.breakpoints
-            if 0.0 < time < self.duration and schedule.at(time) > schedule.before(time)
-        )
+    def events(self) -> tuple[Event, ...]:
+        """The instants at which momenta stay, in order."""
+        joining = np.array([one.jump == "momenta" for one in self.plant.parameters.values()])
+        if not (joining.any() or self.plant.entering.any()):
+            return ()
+        found = []
+        for time in self.breakpoints:
+            old = np.array([schedule.before(time) for schedule in self.schedule.values()])
+            new = np.array([schedule.at(time) for schedule in self.schedule.values()])
+            rises = joining & (new - old > ROUNDING * np.abs(new))
+            before, after = self.acting_rates(np.array([np.nextafter(time, 0.0), time]))
+            if rises.any() or (before != after).any():
+                found.append(Event(time, np.where(rises, old, new), new, (before, after)))
+        return tuple(found)
 
     @property
     def segments(self) -> tuple[Segment, ...]:

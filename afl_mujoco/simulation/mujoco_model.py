@@ -206,6 +206,8 @@ def carried_momenta(model: SimulatedModel, values: Floats, rates: Floats, state:
     """Write parameters; return the momenta that rates give a plant at rest, N p'."""
     model.write(values)
     n = model.addresses.n
+    if not rates.any():
+        return np.zeros(n)
     found, at_rest = np.empty(n), np.concatenate([state[:n], np.zeros(n)])
     drift = model.writer.drift(values[None], rates[None]).ravel()
     rate_forces(model.addresses, drift, at_rest, True, found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -255,25 +255,16 @@ def closed_loop(
 
 def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
     """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
-    n = model.addresses.n
+    n, events = model.addresses.n, {event.time: event for event in scenario.events}
 
     def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         state = state.copy()
         impulse = model.along("impulse on an input", np.array([after.impulse]))
-        if before is not None:
-            ends = before.values_at(before.end), after.values_at(after.start)
-            rates = [
-                acting_rates(model.plant, np.array([rate for _, rate in one.lines]))
-                for one in (before, after)
-            ]
-            if after.start in scenario.joins:
-                kept = _carried(model, ends, rates, state)
-                model.write(ends[0])
-                kept += momenta(model, state)
-                model.write(ends[1])
-                state[n : 2 * n] = velocities(model, state, kept)
-            elif (rates[1] != rates[0]).any():
-                impulse[0] -= carried_momenta(model, ends[1], rates[1] - rates[0], state)
+        if (event := events.get(after.start)) is not None:  # M v + N p' stays
+            old, new = event.rates
+            kept = carried_momenta(model, event.before, old, state) + momenta(model, state)
+            kept -= carried_momenta(model, event.after, new, state)
+            state[n : 2 * n] = velocities(model, state, kept)
         if impulse.any():
             model.write(after.values_at(after.start))
             jump = np.empty(n)
@@ -283,17 +274,6 @@ def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
         return state
 
     return arrive
-
-
-def _carried(
-    model: SimulatedModel, values: Sequence[Floats], rates: Sequence[Floats], state: Floats
-) -> Any:
-    """Return by how much the momenta that rates give fall where parameters jump."""
-    before, after = (
-        carried_momenta(model, p, rate, state) if rate.any() else 0.0
-        for p, rate in zip(values, rates, strict=True)
-    )
-    return before - after
 
 
 def momenta(model: SimulatedModel, state: Floats) -> Floats:

@@ -377,7 +377,8 @@ def hit(state: Floats, before: Segment | None, after: Segment) -> Floats:
 def _arrival(scenario: Scenario, equations: Equations, trees: Any) -> Transition:
     """Return the effect of a breakpoint on the state of any plant, from its own equations."""
     plant = scenario.plant
-    n, k, enters = len(plant.coordinates), len(plant.inputs), plant.entering
+    n, k = len(plant.coordinates), len(plant.inputs)
+    events = {event.time: event for event in scenario.events}
 
     def terms(q: Floats, v: Floats, p: Floats) -> Any:
         found = np.empty(equations.size)
@@ -386,23 +387,22 @@ def _arrival(scenario: Scenario, equations: Equations, trees: Any) -> Transition
 
     def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         impulse, state = np.array(after.impulse), state.copy()
-        p, joins = after.values_at(after.start), after.start in scenario.joins
-        rates = [
-            np.where(enters, [rate for _, rate in one.lines], 0.0)
-            for one in (before or after, after)
-        ]
-        if joins or impulse.any():
-            mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), p)
-            if joins and before is not None:  # M v + N p' stays, as M changes
-                old, _, _ = terms(state[:n].copy(), state[n:].copy(), before.values_at(before.end))
-                kept = old[0] @ state[n:]
-                kept += _carried(trees, before.values_at(before.end), rates[0], state[:n])[0]
-                kept -= _carried(trees, p, rates[1], state[:n])[0]
-                state[n:] = np.linalg.solve(mass[0], kept)
-            state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
-        if not joins and (kink := rates[1] - rates[0]).any():
-            momenta, inertia = _carried(trees, p, kink, state[:n])
+        event, p = events.get(after.start), after.values_at(after.start)
+        if event is not None and event.joins:  # M v + N p' stays, as M changes
+            old, mass = (
+                terms(state[:n].copy(), state[n:].copy(), values)[0][0]
+                for values in (event.before, event.after)
+            )
+            kept = old @ state[n:] + _carried(trees, event.before, event.rates[0], state[:n])[0]
+            kept -= _carried(trees, event.after, event.rates[1], state[:n])[0]
+            state[n:] = np.linalg.solve(mass, kept)
+        elif event is not None:
+            kink = event.rates[1] - event.rates[0]
+            momenta, inertia = _carried(trees, event.after, kink, state[:n])
             state[n:] -= np.linalg.solve(inertia, momenta)
+        if impulse.any():
+            mass, _, inputs = terms(state[:n].copy(), state[n:].copy(), p)
+            state[n:] += np.linalg.solve(mass[0], inputs[0] @ impulse[:k] + impulse[k:])
         return state
 
     return arrive
@@ -439,7 +439,7 @@ def require_equations(scenario: Scenario) -> None:
         raise InvalidValueError(f"plant {plant.name!r}", rule)
     asked = ["an impulse" for one in scenario.disturbances if isinstance(one, Impulse)]
     asked += [f"a force along {one.coordinate}" for one in scenario.disturbances if one.coordinate]
-    asked += [f"what joins at rest at {time:g} s" for time in scenario.joins]
+    asked += [f"what joins at rest at {one.time:g} s" for one in scenario.events if one.joins]
     if asked and plant.terms is None:
         rule = "needs equations as terms: accelerations do not say what momenta do"
         raise InvalidValueError(f"plant {plant.name!r}, {asked[0]}", rule)

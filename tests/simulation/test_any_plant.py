@@ -215,6 +215,57 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
     assert np.abs(run.state[falls] - run.state[falls - 1])[4:].max() < 0.1
 
 
+TURNING = """<mujoco><option gravity="0 0 0"/><worldbody>
+  <body name="arm"><joint name="a" axis="0 0 1"/>
+    <inertial pos="0.5 0 0" mass="1" diaginertia=".01 .01 .01"/></body>
+  <body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
+    <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/></body>
+</worldbody></mujoco>"""
+
+
+def turning() -> afl.Plant:
+    """A load at the end of an arm, and a cart that has nothing to do with it."""
+    return afl.Plant(
+        name="turning", model=TURNING, coordinates=("a", "x"),
+        parameters={
+            "l": afl.Parameter(0.5, "m"), "m": afl.Parameter(1.0, "kg", jump="momenta"),
+            "cart": afl.Parameter(2.0, "kg", jump="momenta"),
+        },
+        write=lambda p: {"body arm ipos 0": p.l, "body arm mass": p.m, "body cart mass": p.cart},
+        terms=lambda q, v, p: (((0.01 + p.m * p.l**2, 0), (0, p.cart)), (0, 0), ((), ())),
+    )  # fmt: skip
+
+
+def kept(length: float) -> float:
+    """The share of its rate that the arm keeps where a second kilogram joins."""
+    return (0.01 + length**2) / (0.01 + 2.0 * length**2)
+
+
+STEPS = (afl.staircase([1.0], [1.0, 2.0]), afl.staircase([1.0], [2.0, 1.0]))
+JOINS = {  # the schedule, and what the arm keeps
+    "another mass falls": ({"m": STEPS[0], "cart": STEPS[1]}, kept(0.5)),
+    "a length jumps, at rates that stay": (
+        {"m": STEPS[0], "l": afl.staircase([1.0], [0.5, 1.5])}, kept(1.5)),
+    "a length jumps later in the step": (
+        {"m": afl.staircase([0.9991], [1.0, 2.0]), "l": afl.staircase([0.9993], [0.5, 1.5])},
+        kept(0.5)),
+    "a length ramps": (
+        {"m": STEPS[0], "l": afl.piecewise_linear([0.0, 2.0], [0.5, 2.5])}, kept(1.5)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("schedule", "share"), JOINS.values(), ids=JOINS)
+def test_what_joins_at_rest_does_not_change_what_else_jumps_or_ramps(schedule, share) -> None:
+    scenario = afl.Scenario(
+        name="joins", plant=turning(), schedule=schedule, duration=1.5,
+        initial_state={"a_dot": 1.0, "x_dot": 1.0},
+    )  # fmt: skip
+    modes = ("sampled", "exact", "continuous")
+    runs = [afl.simulate_mujoco(scenario, lambda *_: (), mode=mode) for mode in modes]
+    for run in (*runs, afl.simulate_ode(scenario, lambda *_: ())):
+        assert run.state[-1, 2:] == pytest.approx([share, 1.0], rel=1e-12)
+
+
 def test_a_plant_needs_neither_parameters_nor_inputs() -> None:
     xml = """<mujoco><worldbody><body><joint name="angle" axis="0 1 0"/>
         <inertial pos="0 0 -0.3" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody></mujoco>"""

@@ -59,12 +59,12 @@ class Profile(NamedTuple):
     impulse: Floats  # jumps of the momenta [N s, N m s], shape (K, n)
     # the share of the step after which its jump acts, 0 at its start; -1 for none, shape (K,)
     split: Floats
-    joins: NDArray[np.int64]  # 1 where what is new at the start joins at rest, else 0, shape (K,)
-    # how bodies move in their frames under each of the rows, and the kicks where they are written,
-    # for `rate_forces`, shape (R, bodies * 15); none where no rate acts. In the place of the world,
-    # which does not move, the first number of a kick is the row of the instant, 0 for no kick
+    # first and past the last row of the events at the start of each step, of which each has a row
+    # before it and one after, shape (K, 2)
+    events: NDArray[np.int64]
+    # how bodies move in their frames under each of the rows, for `rate_forces`, shape (R, bodies *
+    # 15); none where no rate acts
     drift: Floats
-    kicks: Floats
 
 
 class Plan(NamedTuple):
@@ -79,26 +79,30 @@ class Plan(NamedTuple):
 
 @inlined_kernel
 def write_plant(at, profile, run, k):
-    """Write the parameters of step k to the model, unless it has them."""
+    """Write the parameters of step k to the model, unless it has them, after what happens there."""
     i = min(k, len(profile.which) - 1)
-    row = profile.which[i]
-    if row == run.marks.written:
+    row, (event, end) = profile.which[i], profile.events[i]
+    if row == run.marks.written and event == end:
         return
-    if profile.joins[i] and run.marks.written >= 0:  # M v + N p' stays, as M changes
-        momenta = run.space.ctypes.data
-        mj_forward(at.model, at.data)
-        mj_mul_m(at.model, at.data, momenta, at.qvel)
-        _carry(at, profile, run, run.marks.written, -1.0)
-        write_row(at.structures, at.targets, profile.rows[row])
-        _carry(at, profile, run, row, 1.0)
-        mj_forward(at.model, at.data)
-        mj_solve_m(at.model, at.data, at.qvel, momenta, 1)
-    else:
-        write_row(at.structures, at.targets, profile.rows[row])
-    if len(profile.kicks) > 0 and run.marks.written >= 0 and profile.kicks[row, 0] > 0.0:
-        _kick(at, profile, run, profile.kicks[row])
-        write_row(at.structures, at.targets, profile.rows[row])
+    if run.marks.written >= 0:
+        for before in range(event, end, 2):
+            _keep_momenta(at, profile, run, before)
+    write_row(at.structures, at.targets, profile.rows[row])
     run.marks.written = row
+
+
+@borrowing_kernel
+def _keep_momenta(at, profile, run, before):
+    """Keep M v + N p' from the parameters and rates of a row to those of the next."""
+    momenta = run.space.ctypes.data
+    write_row(at.structures, at.targets, profile.rows[before])
+    mj_forward(at.model, at.data)
+    mj_mul_m(at.model, at.data, momenta, at.qvel)
+    _carry(at, profile, run, before, -1.0)
+    write_row(at.structures, at.targets, profile.rows[before + 1])
+    _carry(at, profile, run, before + 1, 1.0)
+    mj_forward(at.model, at.data)
+    mj_solve_m(at.model, at.data, at.qvel, momenta, 1)
 
 
 @borrowing_kernel
@@ -124,36 +128,21 @@ def _at_rest(at, run, drift, out):
 
 
 @borrowing_kernel
-def _kick(at, profile, run, kicks):
-    """Change the rates where rates of parameters jump, with the parameters of that instant."""
-    write_row(at.structures, at.targets, profile.rows[int(kicks[0])])
-    impulse = run.space[at.k + 2 * at.n :][: at.n]
-    _at_rest(at, run, kicks, impulse)
-    _strike(at, run, impulse)
-
-
-@borrowing_kernel
-def _strike(at, run, impulse):
-    """Change the rates by an impulse along the coordinates."""
-    n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :][: 2 * at.n]
-    read_numbers(at.ctrl, inputs)
-    read_numbers(at.applied, forces[:n])
-    # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
-    impulse_jump(at, impulse, forces[n:])
-    write_numbers(at.ctrl, inputs)
-    write_numbers(at.applied, forces[:n])
-    for j in range(n):
-        store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
-
-
-@borrowing_kernel
 def apply_impulse(at, profile, run, k, inside):
     """Apply the impulse at the start of step k or inside it, with the parameters in the model."""
     i = min(k, len(profile.which) - 1)
     split = profile.split[i]
     if split < 0.0 or (split > 0.0) != inside:
         return
-    _strike(at, run, profile.impulse[i])
+    n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :][: 2 * at.n]
+    read_numbers(at.ctrl, inputs)
+    read_numbers(at.applied, forces[:n])
+    # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
+    impulse_jump(at, profile.impulse[i], forces[n:])
+    write_numbers(at.ctrl, inputs)
+    write_numbers(at.applied, forces[:n])
+    for j in range(n):
+        store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
 
 
 @inlined_kernel

@@ -138,36 +138,27 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
     rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
-    drift = kicks = np.empty((0, 15 * len(model.addresses.parents)))
+    first = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
+    values, rates = values[first], rates[first]
+    found = [one for one in scenario.events if one.time <= middles[-1]]
+    at_events = np.searchsorted(middles, [one.time for one in found])
+    events = np.searchsorted(at_events, np.arange(len(middles))[:, None] + [0, 1])
+    events = len(rows) + 2 * events
+    for event in found:
+        values = np.vstack([values, event.before, event.after])
+        rates = np.vstack([rates, *event.rates])
+    if found:
+        rows = np.vstack([rows, model.rows(values[len(rows) :])])
+    drift = np.empty((0, 15 * len(model.addresses.parents)))
     if rates.any():
-        first = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
-        kinks = np.diff(rates[first], axis=0, prepend=rates[:1])
-        drift = model.writer.drift(values[first], rates[first]).reshape(len(first), -1)
-        there = scenario.values(times[first])
-        kicks = model.writer.drift(there, kinks).reshape(len(first), -1)
-        bent = np.flatnonzero(kinks.any(axis=1) & (_joins(scenario, times)[first] == 0))
-        kicks[bent, 0] = len(rows) + np.arange(len(bent))
-        if bent.size:
-            rows = np.vstack([rows, model.rows(there[bent])])
-            more = ((0, len(bent)), (0, 0))
-            drift, kicks = np.pad(drift, more), np.pad(kicks, more)
+        drift = model.writer.drift(values, rates).reshape(len(rows), -1)
     held = held_disturbances(scenario, times)
     push, beside = model.generalised(held.push)
     impulse = model.along("impulse on an input", held.impulse)
     return loop.Profile(
         rows=rows, which=which, push=push, beside=beside, impulse=impulse, split=held.split,
-        joins=_joins(scenario, times), drift=drift, kicks=kicks,
+        events=events, drift=drift,
     )  # fmt: skip
-
-
-def _joins(scenario: Scenario, times: Floats) -> NDArray[np.int64]:
-    """Return 1 for the steps of a grid at whose start a mass joins at rest, else 0."""
-    found = np.zeros(len(times) - 1, dtype=np.int64)
-    middles = 0.5 * (times[:-1] + times[1:])
-    for time in scenario.joins:
-        if (k := int(np.searchsorted(middles, time))) < len(found):
-            found[k] = 1
-    return found
 
 
 def perform(

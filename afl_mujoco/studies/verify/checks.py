@@ -240,11 +240,9 @@ def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool =
     # one at the start of a step is in the state there, at the end of the step before
     jumped = np.logical_and(struck, disturbed.split > 0.0)
     jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
-    joined = np.searchsorted(middles, np.array(scenario.joins)) - 1
-    jumped[joined[(joined >= 0) & (joined < len(jumped))]] = True
-    acts = scenario.acting_rates(middles)  # their forces are held over a step, and rates kicked
-    jumped |= acts.any(axis=1)
-    jumped[:-1] |= (np.diff(acts, axis=0) != 0.0).any(axis=1)
+    events = np.searchsorted(middles, [event.time for event in scenario.events]) - 1
+    jumped[events[(events >= 0) & (events < len(jumped))]] = True
+    jumped |= scenario.acting_rates(middles).any(axis=1)  # their forces are held over a step
     after = held_steps(scenario, run)
     gap = (np.abs(run.state[1:] - after) / (1.0 + np.abs(after) * relative))[~jumped]
     return float(gap.max(initial=0.0)) if np.isfinite(gap).all() else math.inf
