@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 import afl_mujoco as afl
 from afl_mujoco.control.cartpole_feedback import upright_model
@@ -94,6 +95,45 @@ def test_a_held_unstable_lag_has_the_gains_and_the_crossover_of_its_closed_forms
                             [gain * (growth - 1.0 - late), gain * late])  # fmt: skip
     assert np.abs(np.roots(polynomial)).max() == pytest.approx(1.0, abs=1e-9)
     assert abs(margins.delay - lag / turn * period) < period
+
+
+RESONANT = {  # two resonances near the rate of control or above: frequencies, inputs, gains, period
+    "phase never": ((11.0, 8.0), (0.04, 0.09), 0.7, (10.0, 13.0, 3.0, -2.0), 0.29),
+    "phase at 1.1 s": ((9.0, 7.0), (0.07, 0.1), 0.0, (-28.0, 2.0, -14.0, 0.0), 0.28),
+    "phase at 0.6 s": ((12.0, 6.0), (0.06, 0.09), 0.0, (11.0, 4.0, -9.0, 12.0), 0.24),
+}
+
+
+def grows(loop, period, delay):
+    """Return whether a held loop grows under a delay, input by input of each period."""
+    whole, late = divmod(delay, period)
+    n, rng = len(loop.a), np.random.default_rng(0)
+
+    def moved(x, u, length):
+        grown = np.zeros((n + 1, n + 1))
+        grown[:n] = np.hstack([loop.a, loop.b])
+        return (expm(length * grown) @ np.append(x, u))[:n]
+
+    x, sent, sizes = rng.normal(size=n), [0.0] * (int(whole) + 2), []
+    for _ in range(1200):
+        sent.append((-loop.k @ x).item())
+        x = moved(x, sent[-2 - int(whole)], late)
+        x = moved(x, sent[-1 - int(whole)], period - late)
+        sizes.append(np.linalg.norm(x))
+    return max(sizes[-100:]) > max(sizes[500:600])
+
+
+@pytest.mark.parametrize(("omega", "damping", "second", "k", "period"), RESONANT.values(),
+                         ids=RESONANT)  # fmt: skip
+def test_a_held_loop_grows_beyond_its_delay_margin_where_no_phase_says_so(
+    omega, damping, second, k, period
+):
+    a, w = np.zeros((4, 4)), np.array(omega)
+    a[:2, 2:], a[2:, :2], a[2:, 2:] = np.eye(2), -np.diag(w**2), -np.diag(2.0 * w * damping)
+    loop = Loop(a, np.array([[0.0], [0.0], [1.0], [second]]), np.array([k]))
+    delay = loop_margins(loop, period).delay
+    assert [grows(loop, period, share * delay) for share in (0.0, 0.5, 0.95)] == [False] * 3
+    assert grows(loop, period, 1.05 * delay)
 
 
 def test_a_loop_that_is_not_stable_has_no_margins():

@@ -60,9 +60,10 @@ BEYOND = 100.0
 
 LEAK = 1e-5  # rate at which a coordinate returns that nothing depends on [1/s]
 
-MOST_PERIODS, PARTS = 100, 8
-"""Periods of a delay margin beyond which its part within a period is not sought, and the parts of a
-period in which it is."""
+FIRST_PERIODS, MOST_PERIODS, PARTS = 6, 100, 24
+"""Periods of delay through which poles are followed, since a crossover above a third of Nyquist's
+frequency turns once within them; periods of a delay margin beyond which its part within a period is
+not sought; and the parts of a period in which both are."""
 
 LINEAR = (
     *("delay", "lag", "damping", "armature", "tip_mass_share", "pole_radius", "control_period"),
@@ -219,9 +220,7 @@ def loop_margins(
     found = []
     for i, part in enumerate(_broken(*_held(loop, period, r))):
         one = _margins(_bilinear(*part, period), period)
-        if math.isfinite(one.delay):
-            one = replace(one, delay=_exact_delay(loop, period, r, i, one.delay))
-        found.append(one)
+        found.append(replace(one, delay=_exact_delay(loop, period, r, i, one.delay)))
     return found
 
 
@@ -250,25 +249,26 @@ def _radius(loop: Loop, period: float, r: Imperfections, *more: Any) -> float:
 
 
 def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about: float) -> float:
-    """Return the delay at which a held loop loses its stability, near that of its phase [s].
+    """Return the delay at which a held loop loses its stability, at most near that of its phase.
 
-    A delay of whole periods shifts the phase by its length times the frequency, so the two are on
-    the same side of every multiple of the period; within a period a held input that comes late is
-    another plant, and not one whose phase is shifted.
+    A delay of whole periods shifts the phase by its length times the frequency; within a period a
+    held input that comes late is another plant, and not one whose phase is shifted. And where the
+    gain is above 1 at the frequency of Nyquist, a delay may cost the stability there, which is no
+    crossover: poles are followed through the first periods, and through that of the phase.
     """
     from scipy.optimize import brentq
-
-    if (whole := math.floor(about / period)) > MOST_PERIODS:
-        return about
 
     def beyond(extra: float) -> float:
         return _radius(loop, period, r, place, extra) - 1.0
 
-    if beyond(whole * period) >= 0.0:  # a multiple of the period, but for round-off
-        return about
-    for low, high in itertools.pairwise(period * (whole + np.linspace(0.0, 1.0, PARTS + 1))):
-        if beyond(high) >= 0.0:
-            return float(brentq(beyond, low, high, xtol=1e-12 * period, rtol=1e-12))
+    whole = math.floor(about / period) if math.isfinite(about) else FIRST_PERIODS
+    periods = [*range(min(whole + 1, FIRST_PERIODS))]
+    if FIRST_PERIODS <= whole <= MOST_PERIODS:
+        periods = [*range(whole + 1)] if beyond(whole * period) >= 0.0 else [*periods, whole]
+    for first in periods:
+        for low, high in itertools.pairwise(period * (first + np.linspace(0.0, 1.0, PARTS + 1))):
+            if beyond(high) >= 0.0:
+                return float(brentq(beyond, low, high, xtol=1e-12 * period, rtol=1e-12))
     return about
 
 
