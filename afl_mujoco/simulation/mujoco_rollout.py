@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -83,7 +84,9 @@ DEGREES = (3, 5, 9, 17, 33)
 SMOOTH = 1e-14
 """Largest error of these, as a share of the largest number that is written in a place."""
 
-SMOOTH_DRIFT = 1e-11  # the same of how bodies move in their frames, which is known by differences
+SMOOTH_DRIFT, ROUGH_DRIFT = 1e-11, 1e-9
+"""The same of how bodies move in their frames, which is known by differences; and what is taken
+where no number of coefficients gives it, as their rounding is larger."""
 
 
 def line_of(model: SimulatedModel, segment: Segment) -> Line:
@@ -97,13 +100,13 @@ def line_of(model: SimulatedModel, segment: Segment) -> Line:
     if rates.any():
         drawn = [one.kind == "geom" for one in model.writer.targets]  # no mass is inferred of it
         smooth = np.where(drawn, np.inf, SMOOTH)
-        course = _course(thing, model.rows, values, rates * length, smooth)
+        course = _course(thing, model.rows, values, rates * length, [smooth])
     if acting.any():
 
         def moving(p: Floats) -> Floats:
             return model.writer.drift(p, np.tile(acting, (len(p), 1))).reshape(len(p), -1)
 
-        drift = _course(thing, moving, values, rates * length, np.array(SMOOTH_DRIFT))
+        drift = _course(thing, moving, values, rates * length, [SMOOTH_DRIFT, ROUGH_DRIFT])
     model.write(values)
     return Line(segment.start, values, rates, course, length, push[0], drift)
 
@@ -115,20 +118,23 @@ def acting_rates(plant: Plant, rates: Floats) -> Floats:
 
 def _course(
     thing: str, table: Callable[[Floats], Floats],
-    values: Floats, step: Floats, smooth: Floats,
+    values: Floats, step: Floats, limits: Sequence[Any],
 ) -> Floats:  # fmt: skip
-    """Return a table from some parameters on, a step further, as Chebyshev polynomials."""
+    """Return a table from some parameters on, a step further, as Chebyshev polynomials.
+
+    They keep the first of the limits that any of `DEGREES` keeps.
+    """
     between = 0.5 * (1.0 + np.cos(np.pi * (np.arange(40) + 0.5) / 40))
     expected = table(values + between[:, None] * step)
     scale = np.abs(expected).max(axis=0) + np.finfo(float).tiny
-    for count in DEGREES:
+    for limit, count in itertools.product(limits, DEGREES):
         nodes = np.cos(np.pi * (np.arange(count) + 0.5) / count)
         rows = table(values + 0.5 * (1.0 + nodes)[:, None] * step)
         cosines = np.cos(np.arange(count)[:, None] * np.arccos(nodes))
         found = 2.0 / count * cosines @ rows
         found[0] *= 0.5
         error = np.abs(np.polynomial.chebyshev.chebval(2.0 * between - 1.0, found).T - expected)
-        if (error <= smooth * scale).all():
+        if (error <= limit * scale).all():
             return np.ascontiguousarray(found.T)
     rule = "must be smooth in the parameters along a ramp, for this mode"
     raise InvalidValueError(thing, rule)
