@@ -138,15 +138,13 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
     rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
-    first = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
-    values, rates = values[first], rates[first]
     found = [one for one in scenario.events if one.time <= middles[-1]]
-    at_events = np.searchsorted(middles, [one.time for one in found])
-    events = np.searchsorted(at_events, np.arange(len(middles))[:, None] + [0, 1])
-    events = len(rows) + 2 * events
-    for event in found:
-        values = np.vstack([values, event.before, event.after])
-        rates = np.vstack([rates, *event.rates])
+    steps = np.searchsorted(middles, [one.time for one in found])  # at whose start they act
+    first = np.searchsorted(steps, np.arange(len(middles)))
+    events = len(rows) + 2 * np.column_stack([first, np.append(first[1:], len(found))])
+    writing = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
+    values = np.vstack([values[writing], *(x for one in found for x in (one.before, one.after))])
+    rates = np.vstack([rates[writing], *(x for one in found for x in one.rates)])
     if found:
         rows = np.vstack([rows, model.rows(values[len(rows) :])])
     drift = np.empty((0, 15 * len(model.addresses.parents)))

@@ -184,7 +184,7 @@ class Margins:
     gain_decrease: float  # factor of the loop gain, below 1
     gain_increase: float  # the same, above 1; infinite if no increase destabilises it
     phase: float  # least additional lag or lead at a crossover [deg]
-    delay: float  # least additional delay [s]; infinite if there is no crossover
+    delay: float  # least additional delay [s]; infinite if none destabilises it
     crossover: float  # frequency of the crossover whose phase that delay uses up [rad/s]
     disk: float  # size of the largest disk of gain and phase at once, by the peak of (S - T)/2
 
