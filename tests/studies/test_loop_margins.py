@@ -109,16 +109,13 @@ def grows(loop, period, delay):
     whole, late = divmod(delay, period)
     n, rng = len(loop.a), np.random.default_rng(0)
 
-    def moved(x, u, length):
-        grown = np.zeros((n + 1, n + 1))
-        grown[:n] = np.hstack([loop.a, loop.b])
-        return (expm(length * grown) @ np.append(x, u))[:n]
-
+    grown = np.vstack([np.hstack([loop.a, loop.b]), np.zeros((1, n + 1))])
+    before, after = (expm(length * grown)[:n] for length in (late, period - late))
     x, sent, sizes = rng.normal(size=n), [0.0] * (int(whole) + 2), []
     for _ in range(1200):
         sent.append((-loop.k @ x).item())
-        x = moved(x, sent[-2 - int(whole)], late)
-        x = moved(x, sent[-1 - int(whole)], period - late)
+        x = before @ np.append(x, sent[-2 - int(whole)])
+        x = after @ np.append(x, sent[-1 - int(whole)])
         sizes.append(np.linalg.norm(x))
     return max(sizes[-100:]) > max(sizes[500:600])
 

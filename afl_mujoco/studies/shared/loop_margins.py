@@ -7,6 +7,7 @@ sampled loop, which is transformed into a continuous loop with the same margins.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import warnings
@@ -284,7 +285,7 @@ def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Arra
     late = []
     for delay in delays:
         whole = math.floor(delay / period + SNAP)
-        rest = max(delay - whole * period, 0.0)
+        rest = max(round(delay - whole * period, 15), 0.0)  # alike in every period
         rest = rest if rest > SNAP * period else 0.0
         late.append((whole, rest, whole + (rest > 0.0)))
     size = order + sum(pending for *_, pending in late)
@@ -328,13 +329,20 @@ def _measured_loop(
 
 def _sampled(loop: Loop, length: float) -> tuple[Array, Array]:
     """Return A and B of the plant over a length of time [s], its inputs held."""
+    both = np.hstack([loop.a, loop.b])
+    a, b = np.split(_grown(both.tobytes(), len(both), round(length, 15)), [len(both)], axis=1)
+    return a, b
+
+
+@functools.lru_cache(maxsize=1024)
+def _grown(both: bytes, order: int, length: float) -> Array:
+    """Return A and B over a length of time [s], of those of rates."""
     from scipy.linalg import expm  # what cont2discrete calls; scipy.signal takes long to import
 
-    order, count = loop.b.shape
-    grown = np.zeros((order + count, order + count))
-    grown[:order] = np.hstack([loop.a, loop.b])
-    a, b = np.split(expm(length * grown)[:order], [order], axis=1)
-    return np.asarray(a), np.asarray(b)
+    rates = np.frombuffer(both).reshape(order, -1)
+    grown = np.zeros((rates.shape[1], rates.shape[1]))
+    grown[:order] = rates
+    return np.asarray(expm(length * grown)[:order])
 
 
 def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
