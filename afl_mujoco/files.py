@@ -64,7 +64,7 @@ def atomic_file(path: Path) -> Iterator[Path]:
     """
     if "\0" in str(path):
         raise FileError(str(path), NO_NUL)
-    if path.is_dir():
+    if os.path.isdir(path):  # False, and no error, where it cannot be looked at
         raise FileError(str(path), "must be a file to write, not a folder")
     try:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".afl_mujoco-", suffix=path.suffix)

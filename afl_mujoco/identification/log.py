@@ -24,9 +24,9 @@ PERIOD_DIFFERENCE = 0.1  # largest relative difference of a period from the nomi
 LARGEST = {"time": 1e20, "phi": 1e7, "z": 1e6, "command": 1e9}
 """Bounds on the numbers in a log: nanoseconds since 1970 [any unit], [rad], [m] and a command."""
 
-SPIKE = 2.0
-"""Step of a reading [of the step that 98 % are below] which, if the readings step back within two
-rows, no cart-pole makes: 0.5 at most in our recordings, end stops included."""
+SPIKE, LEAST_SPIKE = 2.0, 0.01
+"""Step of a reading which, if the readings step back within two rows, no cart-pole makes: in the
+largest of a motion one way, and in that which 90 % are below; and at least so far [m, rad]."""
 
 JITTER = 0.05
 """Scatter of time stamps about a regular period up to which the device is taken to be regular and
@@ -153,15 +153,24 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
 
 
 def _require_no_spike(values: Floats, log: Log, sensor: SensorColumn) -> None:
-    """Raise if a reading jumps there and back, as no motion does."""
+    """Raise if a reading jumps there and back, as no motion does, or at an end of the log."""
     steps = np.diff(values) / np.diff(log.slots)
-    usual = float(np.quantile(np.abs(steps[steps != 0.0]), 0.98))
-    far = np.sign(steps) * (np.abs(steps) > SPIKE * max(usual, sensor.count))
-    back = (far[:-2] * far[1:-1] < 0.0) | (far[:-2] * far[2:] < 0.0)
+    ahead = np.pad(steps, (0, 2))
+    turns = [steps * ahead[k : len(steps) + k] < 0.0 for k in (1, 2)]  # at the next, the one after
+    paired = turns[0] | turns[1]
+    for k, turn in enumerate(turns, start=1):
+        paired[k:] |= turn[:-k]
+    paired[[0, -1]] = True  # where there is no row beyond, to jump back
+    size = np.abs(steps)
+    usual = SPIKE * max(size[~paired].max(initial=0.0), np.quantile(size, 0.9), sensor.count)
+    far = np.sign(steps) * (size > max(usual, LEAST_SPIKE))
+    ahead = np.pad(far, (0, 2))
+    back = (far * ahead[1:-1] < 0.0) | (far * ahead[2:] < 0.0)
+    back[[0, -1]] |= far[[0, -1]] != 0.0
     if back.any():
         row = int(np.argmax(back)) + 1
         rule = "must not jump there and back within two rows (mend the log, or leave the rows out)"
-        jump = steps[row - 1] / sensor.si
+        jump = (values[row] - values[row - 1]) / sensor.si
         raise InvalidValueError(sensor.column, rule, f"{jump:+.4g} {sensor.unit} in row {row + 1}")
 
 

@@ -411,7 +411,7 @@ class Scenario:
     def acting_rates(self, times: Floats) -> Floats:
         """Return the rates [1/s] of parameters that act on the motion, 0 for the others.
 
-        At times [s], none of them a breakpoint, shape (N, parameters).
+        At times [s], after the jump at a breakpoint, shape (N, parameters).
         """
         found = np.zeros((len(times), len(self.schedule)))
         for i, schedule in enumerate(self.schedule.values()):
@@ -500,14 +500,15 @@ class Scenario:
         joining = np.array([one.jump == "momenta" for one in self.plant.parameters.values()])
         if not (joining.any() or self.plant.entering.any()):
             return ()
+        times, schedules = np.array(self.breakpoints), [*self.schedule.values()]
+        before, after = (self.acting_rates(x) for x in (np.nextafter(times, 0.0), times))
         found = []
-        for time in self.breakpoints:
-            old = np.array([schedule.before(time) for schedule in self.schedule.values()])
-            new = np.array([schedule.at(time) for schedule in self.schedule.values()])
+        for i, time in enumerate(times.tolist()):
+            new = np.array([schedule.at(time) for schedule in schedules])
+            old = np.array([schedule.before(time) for schedule in schedules])
             rises = joining & (new - old > ROUNDING * np.abs(new))
-            before, after = self.acting_rates(np.array([np.nextafter(time, 0.0), time]))
-            if rises.any() or (before != after).any():
-                found.append(Event(time, np.where(rises, old, new), new, (before, after)))
+            if rises.any() or (before[i] != after[i]).any():
+                found.append(Event(time, np.where(rises, old, new), new, (before[i], after[i])))
         return tuple(found)
 
     @property

@@ -195,3 +195,9 @@ def step_times(duration: float, timestep: float) -> Floats:
     if abs(times[-1] - duration) > SNAP * timestep:
         times[-1] = duration
     return times
+
+
+def last_step(times: Floats, timestep: float) -> float:
+    """Return the length of the last of such steps [s], a whole one but for round-off."""
+    length = float(times[-1]) - (len(times) - 2) * timestep
+    return length if length < (1.0 - SNAP) * timestep else timestep

@@ -31,7 +31,8 @@ class Physics(DmPhysics):  # type: ignore[misc]
     `forward` after it. The state of the hardware, such as delayed commands, is not part of MuJoCo's
     state: `set_state` does not change it.
 
-    timestep: Physics step [s], which divides the scenario's duration.
+    timestep: Physics step [s]; the last ends at the scenario's duration, though ``time()`` counts
+    whole ones.
     """
 
     def __init__(

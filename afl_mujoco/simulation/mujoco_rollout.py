@@ -14,7 +14,7 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, Laws, command
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.plants.library import mujoco, write_row
-from afl_mujoco.plants.plant import Floats, Plant
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import Deployed, ticks_of, time_grid
@@ -92,7 +92,7 @@ where no number of coefficients gives it, as their rounding is larger."""
 def line_of(model: SimulatedModel, segment: Segment) -> Line:
     """Return the parameters of a segment as compiled code takes them."""
     values, rates = np.array(segment.lines, dtype=np.float64).reshape(-1, 2).T.copy()
-    acting = acting_rates(model.plant, rates)
+    acting = np.where(model.plant.entering, rates, 0.0)
     push = model.along("disturbance", np.array([segment.push]))
     length = segment.end - segment.start
     course, drift = np.empty((len(model.addresses.targets), 0)), np.empty((0, 0))
@@ -109,11 +109,6 @@ def line_of(model: SimulatedModel, segment: Segment) -> Line:
         drift = _course(thing, moving, values, rates * length, [SMOOTH_DRIFT, ROUGH_DRIFT])
     model.write(values)
     return Line(segment.start, values, rates, course, length, push[0], drift)
-
-
-def acting_rates(plant: Plant, rates: Floats) -> Floats:
-    """Return the rates of parameters that act on the motion, 0 for the others."""
-    return np.where(plant.entering, rates, 0.0)
 
 
 def _course(

@@ -50,12 +50,16 @@ def _beyond(scenario: Scenario) -> Iterator[str]:
 
 def _prescribed(scenario: Scenario) -> Iterator[str]:
     """Remark on parameters that jump though their rates act, or change after the end."""
-    end, joins = scenario.duration, [event.time for event in scenario.events if event.joins]
-    for name, enters in zip(scenario.plant.parameters, scenario.plant.entering, strict=True):
+    end, events = scenario.duration, {event.time: event for event in scenario.events}
+    for i, (name, enters) in enumerate(
+        zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
+    ):
         schedule = scenario.schedule[name]
         for time in schedule.breakpoints:
             jumps = 0.0 < time < end and schedule.at(time) != schedule.before(time)
-            if enters and jumps and time not in joins:
+            event = events.get(time)
+            joins = event is not None and event.before[i] != event.after[i]
+            if enters and jumps and not joins:
                 yield (
                     f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities "
                     "stay"

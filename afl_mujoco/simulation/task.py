@@ -20,7 +20,7 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import SNAP, ticks_of
+from afl_mujoco.scenario.time_steps import ticks_of
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.runs import fine_enough
@@ -235,22 +235,13 @@ def load(
     scenario = as_scenario(scenario)
     space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
     asked = ticks_of(scenario, timestep, control_period)
-    _require_whole(scenario.duration, asked.timestep)
     ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
     task = Balance(force_limit=force_limit, random=random, space=space)
-    # Half a step early, so that round-off in the division by the period cannot add a period.
-    early = scenario.duration - 0.5 * ticks.timestep
     physics = Physics(scenario, timestep=ticks.timestep, integrator=integrator, hold=ticks.hold)
+    # Half a step early, so that round-off in the division by the period cannot add a period.
+    early = (physics.world.last - 0.5) * ticks.timestep
     settings = {"time_limit": early, "n_sub_steps": ticks.hold, "legacy_step": False}
     return control.Environment(physics, task, **settings)
-
-
-def _require_whole(duration: float, timestep: float) -> None:
-    """Raise if a step does not divide a duration: an environment takes no shorter step."""
-    steps = duration / timestep
-    if abs(steps - round(steps)) > SNAP:
-        rule = f"must divide the duration of the scenario, {duration:g} s, in an environment"
-        raise InvalidValueError("timestep", rule, timestep)
 
 
 def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:

@@ -111,6 +111,7 @@ BAD = {
     "phi must be numbers below 1e+07, got 1e+19 in row 8": lambda c: changed(c, "phi", 7, 1e19),
     "z must not jump there and back within two rows (mend the log, or leave the rows out), got +": (
         lambda c: {**c, "z": c["z"] + (np.arange(100) == 7)}),
+    "rad in row 2": lambda c: {**c, "phi": c["phi"] + 2.0 * (np.arange(100) == 0)},
     "m in row 50": lambda c: {**c, "z": c["z"] + 50.0 * np.isin(np.arange(100), (49, 50))},
     "phi must not jump there and back": (
         lambda c: {**c, "phi": c["phi"] + 7.0 * (np.arange(100) == 40)}),

@@ -249,6 +249,7 @@ JOINS = {  # the schedule, and what the arm keeps
     "a length jumps later in the step": (
         {"m": afl.staircase([0.9991], [1.0, 2.0]), "l": afl.staircase([0.9993], [0.5, 1.5])},
         kept(0.5)),
+    "in the first half of a step": ({"m": afl.staircase([4e-4], [1.0, 2.0])}, kept(0.5)),
     "a length ramps": (
         {"m": STEPS[0], "l": afl.piecewise_linear([0.0, 2.0], [0.5, 2.5])}, kept(1.5)),
 }  # fmt: skip

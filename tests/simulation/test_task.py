@@ -136,8 +136,9 @@ def test_an_episode_ends_at_the_duration_whose_last_period_may_be_shorter(period
     assert environment.physics.time() == pytest.approx(0.3, abs=1e-12)
 
 
-def test_a_pole_that_falls_past_the_duration_has_not_fallen():
-    scenario = _short("nominal", 0.486, initial_state=(0.0, 0.5, 0.0, 0.0))
+@pytest.mark.parametrize("duration", [0.486, 0.4864])
+def test_a_pole_that_falls_past_the_duration_has_not_fallen(duration):
+    scenario = _short("nominal", duration, initial_state=(0.0, 0.5, 0.0, 0.0))
     rest = PythonController(name="rest", function=lambda time, state, belief: 0.0)
     run = afl.simulate_mujoco(scenario, rest, mode="sampled", control_period=0.1)
     step, _ = played(environment := afl.load(scenario, control_period=0.1), 0.0)
@@ -177,7 +178,6 @@ def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
     ({"scenario": "nowhere"}, "scenario must be one of nominal"),
     ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
     ({"timestep": 7e-4, "scenario": AT_100_HZ}, "timestep 0.0007 s must divide"),
-    ({"timestep": 7e-3}, "timestep must divide the duration of the scenario, 20 s"),
     ({"timestep": "a"}, "timestep must be a number, got 'a'"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
     ({"random": 1.5}, "random must be a whole number, got 1.5"),

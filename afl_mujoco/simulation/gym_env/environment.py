@@ -259,8 +259,11 @@ def _camera(model: mujoco.MjModel, camera: str | int | None) -> str | int:
     """Return a camera of a model, the first or a free one by default, or raise."""
     if camera is None:
         return 0 if model.ncam else -1
+    names = [name for k in range(model.ncam) if (name := model.camera(k).name)]
+    if not (names if isinstance(camera, str) else model.ncam or camera == -1):
+        rule = "must be left out, or -1: the model has no such camera"
+        raise InvalidValueError("camera", rule, repr(camera))
     if isinstance(camera, str):
-        names = [model.camera(number).name for number in range(model.ncam)]
         if camera not in names:
             raise UnknownNameError.among("camera", camera, names)
         return camera

@@ -14,7 +14,7 @@ from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import instants, step_times
+from afl_mujoco.scenario.time_steps import instants, last_step, step_times
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     read_numbers,
@@ -81,12 +81,12 @@ def _begin(at, state, profile, run):
     """Put the plant into a state, and apply what happens at the start of the first step."""
     write_state(at, state)
     run.marks.written = RUNNING
-    write_plant(at, profile, run, 0)
+    write_plant(at, profile, run, 0, True)
     apply_impulse(at, profile, run, 0, False)
 
 
 @kernel
-def _advance(at, timestep, endless, profile, rows, which, actuators, run, pending, instant, hold):
+def _advance(at, plan, profile, rows, which, actuators, run, pending, instant):
     """Take a control period under the commands in MjData, or until the state diverges.
 
     `run.peak` tells how far from their targets the coordinates were in it.
@@ -97,16 +97,15 @@ def _advance(at, timestep, endless, profile, rows, which, actuators, run, pendin
         return instant
     marks = run.marks
     marks.step, marks.status, marks.written = instant, RUNNING, RUNNING
-    write_plant(at, profile, run, instant)
+    write_plant(at, profile, run, instant, False)
     read_numbers(at.ctrl, run.command)
-    plan = Plan(_FOREVER, hold, timestep, timestep, endless)
     advance(at, plan, actuators, profile, run, pending, np.empty((0, 0)))
     read_state(at, run.after)
     if not within_limits(run.after):
         return marks.step + 1
-    write_row(at.structures, at.targets, rows[which[min(instant + hold, len(which) - 1)]])
+    write_row(at.structures, at.targets, rows[which[min(marks.step, len(which) - 1)]])
     mj_forward(at.model, at.data)
-    return instant + hold
+    return marks.step
 
 
 class World:
@@ -119,7 +118,9 @@ class World:
     def follow(self, scenario: Scenario, episode: Episode | None = None) -> None:
         """Take a scenario of the plant, of which the episode may be known; `begin` starts it."""
         self.scenario = scenario
-        self.last = len(step_times(scenario.duration, self.timestep)) - 1  # instant of the horizon
+        times = step_times(scenario.duration, self.timestep)
+        self.last = len(times) - 1  # instant of the horizon
+        self.shorter = last_step(times, self.timestep)  # the step that ends there [s]
         self.model.set_imperfections(scenario.imperfections)
         self.episode = episode or _episode_of(self.model, scenario, self.timestep, self.hold)
 
@@ -142,12 +143,11 @@ class World:
         Return the instant reached: that of the horizon where it is nearer, as a run ends there, and
         an earlier one where the state diverged.
         """
-        e = self.episode
-        if instant < self.last:
-            steps = min(steps, self.last - instant)
+        e, end = self.episode, self.last if instant < self.last else _FOREVER
+        plan = Plan(end, steps, self.timestep, self.shorter, e.endless)
         reached: int = _advance(
-            self.model.addresses, self.timestep, e.endless, e.profile, e.rows, e.which, e.actuators,
-            self.run, self.pending, instant, steps,
+            self.model.addresses, plan, e.profile, e.rows, e.which, e.actuators, self.run,
+            self.pending, instant,
         )  # fmt: skip
         return reached
 

@@ -78,13 +78,13 @@ class Plan(NamedTuple):
 
 
 @inlined_kernel
-def write_plant(at, profile, run, k):
-    """Write the parameters of step k to the model, unless it has them, after what happens there."""
+def write_plant(at, profile, run, k, reached):
+    """Write the parameters of step k to the model, after the events there if it is `reached`."""
     i = min(k, len(profile.which) - 1)
     row, (event, end) = profile.which[i], profile.events[i]
     if row == run.marks.written and event == end:
         return
-    if run.marks.written >= 0:
+    if reached:
         for before in range(event, end, 2):
             _keep_momenta(at, profile, run, before)
     write_row(at.structures, at.targets, profile.rows[row])
@@ -161,7 +161,7 @@ def _enter(at, plan, profile, run, record, k):
     elif k == plan.steps:
         marks.status = _COMPLETED
     else:
-        write_plant(at, profile, run, k)
+        write_plant(at, profile, run, k, True)
         apply_impulse(at, profile, run, k, False)
     if len(record) > 0:
         read_state(at, record[k])

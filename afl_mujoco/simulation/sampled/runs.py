@@ -23,6 +23,7 @@ from afl_mujoco.scenario.time_steps import (
     Ticks,
     held_disturbances,
     instants,
+    last_step,
     step_times,
     ticks_of,
 )
@@ -96,7 +97,6 @@ def prepare(
 ) -> PreparedRun:
     """Sample all inputs of a scenario on the steps and ticks of a run."""
     s, (step, hold, period, times, _), count = scenario, timing, len(timing.times) - 1
-    length = float(times[-1]) - (count - 1) * step  # of the last step
     last = min(last_change(s), s.duration)
     changing = min(math.ceil(last / step) + 1, count)
     known_until = min(last + s.imperfections.parameter_delay, s.duration)
@@ -109,9 +109,8 @@ def prepare(
         given[:, 1], given[:, 3] = told[:, 1], told[:, 3]
         at_start = replace(s.parameters_at(0.0), pole_mass=told[0, 1], gravity=told[0, 3])
         estimator = controller.estimator_for(at_start)
-    shorter = length if length < (1.0 - SNAP) * step else step
     return PreparedRun(
-        plan=loop.Plan(count, hold, step, shorter, criterion_of(s)),
+        plan=loop.Plan(count, hold, step, last_step(times, step), criterion_of(s)),
         sensors=sensors_of(s, period),
         actuators=actuators_of(s, step, count),
         profile=input_profile(model, s, times[: min(changing + 1, count) + 1]),

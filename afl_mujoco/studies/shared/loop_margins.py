@@ -186,7 +186,8 @@ class Margins:
     gain_increase: float  # the same, above 1; infinite if no increase destabilises it
     phase: float  # least additional lag or lead at a crossover [deg]
     delay: float  # least additional delay [s]; infinite if none destabilises it
-    crossover: float  # frequency of the crossover whose phase that delay uses up [rad/s]
+    # frequency of the crossover whose phase a delay uses up first [rad/s]; infinite without one
+    crossover: float
     disk: float  # size of the largest disk of gain and phase at once, by the peak of (S - T)/2
 
 
