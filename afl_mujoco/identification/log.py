@@ -155,18 +155,18 @@ def log_of(name: str, table: dict[str, Floats], description: Description) -> Log
 def _require_no_spike(values: Floats, log: Log, sensor: SensorColumn) -> None:
     """Raise if a reading jumps there and back, as no motion does, or at an end of the log."""
     steps = np.diff(values) / np.diff(log.slots)
-    ahead = np.pad(steps, (0, 2))
-    turns = [steps * ahead[k : len(steps) + k] < 0.0 for k in (1, 2)]  # at the next, the one after
-    paired = turns[0] | turns[1]
-    for k, turn in enumerate(turns, start=1):
-        paired[k:] |= turn[:-k]
-    paired[[0, -1]] = True  # where there is no row beyond, to jump back
-    size = np.abs(steps)
-    usual = SPIKE * max(size[~paired].max(initial=0.0), np.quantile(size, 0.9), sensor.count)
-    far = np.sign(steps) * (size > max(usual, LEAST_SPIKE))
-    ahead = np.pad(far, (0, 2))
-    back = (far * ahead[1:-1] < 0.0) | (far * ahead[2:] < 0.0)
-    back[[0, -1]] |= far[[0, -1]] != 0.0
+    size, ends = np.abs(steps), [0, -1]  # there is no row beyond an end, to jump back
+    turns = [(k, np.flatnonzero(steps[:-k] * steps[k:] < 0.0)) for k in (1, 2)]
+    smooth = np.ones(len(steps), np.bool_)
+    for k, at in turns:
+        smooth[at] = smooth[at + k] = False
+    smooth[ends] = False
+    usual = SPIKE * max(size[smooth].max(initial=0.0), np.quantile(size, 0.9), sensor.count)
+    far = size > max(usual, LEAST_SPIKE)
+    back = np.zeros(len(steps), np.bool_)
+    for k, at in turns:
+        back[at] |= far[at] & far[at + k]
+    back[ends] |= far[ends]
     if back.any():
         row = int(np.argmax(back)) + 1
         rule = "must not jump there and back within two rows (mend the log, or leave the rows out)"

@@ -91,7 +91,6 @@ class Segment:
 class Event(NamedTuple):
     """An instant at which momenta stay: a mass joins at rest, or a rate that acts jumps."""
 
-    time: float  # [s]
     # parameters just before, but for those that jump under velocities that stay: they have, then;
     # and just after
     before: Floats
@@ -495,21 +494,21 @@ class Scenario:
         )
 
     @property
-    def events(self) -> tuple[Event, ...]:
-        """The instants at which momenta stay, in order."""
+    def events(self) -> dict[float, Event]:
+        """The instants at which momenta stay, by their times [s], in order."""
         joining = np.array([one.jump == "momenta" for one in self.plant.parameters.values()])
         if not (joining.any() or self.plant.entering.any()):
-            return ()
+            return {}
         times, schedules = np.array(self.breakpoints), [*self.schedule.values()]
         before, after = (self.acting_rates(x) for x in (np.nextafter(times, 0.0), times))
-        found = []
+        found: dict[float, Event] = {}
         for i, time in enumerate(times.tolist()):
             new = np.array([schedule.at(time) for schedule in schedules])
             old = np.array([schedule.before(time) for schedule in schedules])
             rises = joining & (new - old > ROUNDING * np.abs(new))
             if rises.any() or (before[i] != after[i]).any():
-                found.append(Event(time, np.where(rises, old, new), new, (before[i], after[i])))
-        return tuple(found)
+                found[time] = Event(np.where(rises, old, new), new, (before[i], after[i]))
+        return found
 
     @property
     def segments(self) -> tuple[Segment, ...]:

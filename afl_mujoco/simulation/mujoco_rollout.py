@@ -256,7 +256,7 @@ def closed_loop(
 
 def transition(model: SimulatedModel, scenario: Scenario) -> Transition:
     """Return the effect of a breakpoint on the state, from MuJoCo's own mass matrix."""
-    n, events = model.addresses.n, {event.time: event for event in scenario.events}
+    n, events = model.addresses.n, scenario.events
 
     def arrive(state: Floats, before: Segment | None, after: Segment) -> Floats:
         state = state.copy()

@@ -377,8 +377,7 @@ def hit(state: Floats, before: Segment | None, after: Segment) -> Floats:
 def _arrival(scenario: Scenario, equations: Equations, trees: Any) -> Transition:
     """Return the effect of a breakpoint on the state of any plant, from its own equations."""
     plant = scenario.plant
-    n, k = len(plant.coordinates), len(plant.inputs)
-    events = {event.time: event for event in scenario.events}
+    n, k, events = len(plant.coordinates), len(plant.inputs), scenario.events
 
     def terms(q: Floats, v: Floats, p: Floats) -> Any:
         found = np.empty(equations.size)
@@ -439,7 +438,7 @@ def require_equations(scenario: Scenario) -> None:
         raise InvalidValueError(f"plant {plant.name!r}", rule)
     asked = ["an impulse" for one in scenario.disturbances if isinstance(one, Impulse)]
     asked += [f"a force along {one.coordinate}" for one in scenario.disturbances if one.coordinate]
-    asked += [f"what joins at rest at {one.time:g} s" for one in scenario.events if one.joins]
+    asked += [f"what joins at rest at {t:g} s" for t, one in scenario.events.items() if one.joins]
     if asked and plant.terms is None:
         rule = "needs equations as terms: accelerations do not say what momenta do"
         raise InvalidValueError(f"plant {plant.name!r}, {asked[0]}", rule)

@@ -50,7 +50,7 @@ def _beyond(scenario: Scenario) -> Iterator[str]:
 
 def _prescribed(scenario: Scenario) -> Iterator[str]:
     """Remark on parameters that jump though their rates act, or change after the end."""
-    end, events = scenario.duration, {event.time: event for event in scenario.events}
+    end, events = scenario.duration, scenario.events
     for i, (name, enters) in enumerate(
         zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
     ):

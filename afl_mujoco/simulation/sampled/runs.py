@@ -137,8 +137,8 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     middles = 0.5 * (times[:-1] + times[1:])
     values, rates = scenario.values(middles), scenario.acting_rates(middles)
     rows, which = model.course(np.hstack([values, rates]) if rates.any() else values)
-    found = [one for one in scenario.events if one.time <= middles[-1]]
-    steps = np.searchsorted(middles, [one.time for one in found])  # at whose start they act
+    known = {time: one for time, one in scenario.events.items() if time <= middles[-1]}
+    steps, found = np.searchsorted(middles, [*known]), [*known.values()]  # at whose start they act
     first = np.searchsorted(steps, np.arange(len(middles)))
     events = len(rows) + 2 * np.column_stack([first, np.append(first[1:], len(found))])
     writing = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row

@@ -240,7 +240,7 @@ def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool =
     # one at the start of a step is in the state there, at the end of the step before
     jumped = np.logical_and(struck, disturbed.split > 0.0)
     jumped[:-1] |= np.logical_and(struck[1:], disturbed.split[1:] <= 0.0)
-    events = np.searchsorted(middles, [event.time for event in scenario.events]) - 1
+    events = np.searchsorted(middles, [*scenario.events]) - 1
     jumped[events[(events >= 0) & (events < len(jumped))]] = True
     jumped |= scenario.acting_rates(middles).any(axis=1)  # their forces are held over a step
     after = held_steps(scenario, run)
