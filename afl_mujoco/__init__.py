@@ -31,13 +31,14 @@ if TYPE_CHECKING:
     from afl_mujoco.plants.equations import from_sympy
     from afl_mujoco.plants.plant import Parameter, Plant, ball, box, rod
     from afl_mujoco.scenario.catalogue import SCENARIOS
-    from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
     from afl_mujoco.scenario.files import find_scenario, load_scenario, save_scenario
     from afl_mujoco.scenario.imperfections import Imperfections
     from afl_mujoco.scenario.parameters import CartPoleParameters
     from afl_mujoco.scenario.requirements import Requirements
     from afl_mujoco.scenario.scenario import Scenario
     from afl_mujoco.scenario.schedules import (
+        ForcePulse,
+        Impulse,
         Schedule,
         constant,
         joined,
@@ -73,13 +74,14 @@ _HOMES = {
     "plants.equations": ("from_sympy",),
     "plants.plant": ("Parameter", "Plant", "ball", "box", "rod"),
     "scenario.catalogue": ("SCENARIOS",),
-    "scenario.disturbances": ("ForcePulse", "Impulse"),
     "scenario.files": ("find_scenario", "load_scenario", "save_scenario"),
     "scenario.parameters": ("CartPoleParameters",),
     "scenario.imperfections": ("Imperfections",),
     "scenario.requirements": ("Requirements",),
     "scenario.scenario": ("Scenario",),
     "scenario.schedules": (
+        "ForcePulse",
+        "Impulse",
         "Schedule",
         "constant",
         "joined",

@@ -37,7 +37,7 @@ from afl_mujoco.control import law as sliding_mode
 from afl_mujoco.control.law import sliding_and_drift
 from afl_mujoco.plants import cartpole_equations as dynamics
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.scoring import objective
+from afl_mujoco.studies.verify.claims import objective
 from research.batch import closed_loop_terms
 from research.gain_tuning import GAIN_BOX, HORIZON, paper_scales
 

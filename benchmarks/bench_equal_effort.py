@@ -37,8 +37,8 @@ from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceler
 from afl_mujoco.scenario.catalogue import CART_MASS_RANGE, HALF_LENGTH_RANGE
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.time_steps import time_grid
-from afl_mujoco.simulation.scoring import objective
 from afl_mujoco.studies.shared.search import Budget, minimise
+from afl_mujoco.studies.verify.claims import objective
 from research.gain_tuning import paper_scales
 from research.random_schedules import random_scenario
 

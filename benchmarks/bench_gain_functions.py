@@ -30,8 +30,8 @@ from afl_mujoco.control.catalogue import AFLController
 from afl_mujoco.control.gains import GAIN_NAMES, scheduled_gain, shipped_data
 from afl_mujoco.pool import Executor, compute_all, open_executor
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.scoring import objective, with_objective
 from afl_mujoco.studies.shared.search import Budget, minimise
+from afl_mujoco.studies.verify.claims import objective, with_objective
 from research.claims import compare
 from research.gain_tuning import GainTable, paper_scales
 from research.random_schedules import random_scenario

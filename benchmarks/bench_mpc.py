@@ -32,7 +32,7 @@ from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.scoring import with_objective
+from afl_mujoco.studies.verify.claims import with_objective
 from research.gain_tuning import paper_scales
 from research.random_schedules import random_scenario
 

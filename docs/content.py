@@ -40,11 +40,19 @@ from PIL import Image
 import afl_mujoco
 from afl_mujoco.cli.main import OTHERS, main
 from afl_mujoco.errors import FileError
-from afl_mujoco.report.blocks import Block, Figure, Replay, Section, drawn_of, figures_of
-from afl_mujoco.report.markdown import plain, to_markdown
-from afl_mujoco.report.numbers import short
+from afl_mujoco.report.blocks import (
+    Block,
+    Figure,
+    Replay,
+    Section,
+    drawn_of,
+    figures_of,
+    plain,
+    short,
+    to_markdown,
+)
+from afl_mujoco.report.figures import save_figure, styled
 from afl_mujoco.report.page import replay_html
-from afl_mujoco.report.style import save_figure, styled
 from afl_mujoco.studies.shared.contract import studies
 from afl_mujoco.studies.shared.record import Record, load_record
 from docs import tutorial

@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike, NDArray
 from afl_mujoco.compiled import inlined_jitable, kernel
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.scoring import ObjectiveScales, objective
 from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.studies.verify.claims import ObjectiveScales, objective
 from afl_mujoco.values import require_positive
 
 LANES = 16

@@ -20,7 +20,6 @@ import afl_mujoco
 from afl_mujoco.control.catalogue import CONTROLLERS, AFLController
 from afl_mujoco.control.gains import GAIN_NAMES, shipped_data
 from afl_mujoco.files import write_json
-from afl_mujoco.simulation.scoring import ObjectiveScales, nominal_scales, objective
 from afl_mujoco.studies.shared.record import versions
 from afl_mujoco.studies.verify.claims import (
     EVERY,
@@ -32,8 +31,11 @@ from afl_mujoco.studies.verify.claims import (
     UNDETERMINED,
     Claim,
     Comparison,
+    ObjectiveScales,
     Readings,
     Shipped,
+    nominal_scales,
+    objective,
     verdict,
 )
 from research.batch import closed_loop_terms

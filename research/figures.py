@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import PercentFormatter
 
 from afl_mujoco.control.gains import GainFunction, scheduled_gain
-from afl_mujoco.report.numbers import SUPERSCRIPTS
-from afl_mujoco.report.style import BLUE, GREY, VERMILION, new_figure, styled
+from afl_mujoco.report.blocks import SUPERSCRIPTS
+from afl_mujoco.report.figures import BLUE, GREY, VERMILION, new_figure, styled
 from research.gain_tuning import GainTable
 from research.optimisers import Result
 from research.readings import EDGES

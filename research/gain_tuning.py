@@ -23,7 +23,7 @@ from afl_mujoco.control.gains import FIXED_GAINS, GAIN_NAMES, Gains, scheduled_g
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, reading
 from afl_mujoco.files import read_json, write_json, write_text
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.scoring import ObjectiveScales
+from afl_mujoco.studies.verify.claims import ObjectiveScales
 from afl_mujoco.values import require_positive
 from research.batch import closed_loop_terms, penalised_objective
 from research.genetic import Box, FloatArray, GeneticSettings, minimise, require_seed

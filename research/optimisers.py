@@ -37,7 +37,7 @@ from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, reading
 from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.pool import compute_all, open_executor
-from afl_mujoco.report.style import save_figure
+from afl_mujoco.report.figures import save_figure
 from research.batch import closed_loop_terms, penalised_objective
 from research.command import run_command
 from research.gain_tuning import GAIN_BOX, HORIZON, Cost, gain_cost, paper_scales

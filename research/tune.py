@@ -25,12 +25,12 @@ from afl_mujoco.control.gains import GAIN_NAMES, GainFunction, Gains
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import output_folder, read_json, write_json
 from afl_mujoco.pool import compute_all, open_executor
-from afl_mujoco.report.style import save_figure, styled
+from afl_mujoco.report.figures import save_figure, styled
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, NOMINAL
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.scoring import with_objective
+from afl_mujoco.studies.verify.claims import with_objective
 from research.command import run_command
 from research.figures import draw_gain_table, fits_of
 from research.gain_tuning import (

@@ -55,14 +55,14 @@ AREAS = {
     "sensors and actuators": ("simulation/sampled/*.py",),
     "checks": (*("studies/check.py", "studies/validate.py", "studies/verify/any_plant.py"),
                *("studies/verify/checks.py", "studies/verify/claims.py"),
-               *("studies/verify/convergence.py", "studies/verify/criteria.py"),
+               "studies/verify/convergence.py",
                "studies/verify/explanation.py"),
     "margins": ("studies/margins.py", "studies/shared/loop_margins.py"),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
 }  # fmt: skip
 """What is changed: a file is of the first area that names it."""
 
-DRAWN = ("simulation/decor.py", "simulation/figures.py", "plants/differences.py",
+DRAWN = ("simulation/drawing.py", "plants/differences.py",
          "plants/suspects.py")  # fmt: skip
 """What only draws, or only names what a check has found."""
 

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 import afl_mujoco as afl
 from afl_mujoco.control.law import afl_force
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
-from afl_mujoco.studies.verify.checks import state_difference
-from afl_mujoco.studies.verify.criteria import CRITERIA
+from afl_mujoco.studies.verify.checks import CRITERIA, state_difference
 
 CART_MASS = st.floats(0.1, 2.0)
 HALF_LENGTH = st.floats(0.05, 1.0)

@@ -15,7 +15,7 @@ from afl_mujoco.simulation.metrics import metric_names
 from afl_mujoco.studies.validate import Result, verdict_of
 from afl_mujoco.studies.verify import claims
 from afl_mujoco.studies.verify.cases import REPORTED, Settings, Simulated
-from afl_mujoco.studies.verify.criteria import CRITERIA, Check
+from afl_mujoco.studies.verify.checks import CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Omission
 
 NASTY = '<script>alert(1)<!-- & "quoted"'

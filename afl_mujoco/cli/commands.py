@@ -185,9 +185,8 @@ class Log:
         import numpy as np
 
         from afl_mujoco.files import output_folder
-        from afl_mujoco.report.blocks import Matrix
-        from afl_mujoco.report.numbers import percent, short
-        from afl_mujoco.report.style import save_figure, styled
+        from afl_mujoco.report.blocks import Matrix, percent, short
+        from afl_mujoco.report.figures import save_figure, styled
         from afl_mujoco.report.terminal import print_blocks
         from afl_mujoco.studies.shared.identified_parts import Shown, draw_log
 
@@ -337,18 +336,17 @@ class Simulate(_Deployed):
 
         from afl_mujoco.files import output_folder, remove_file
         from afl_mujoco.report.blocks import Block, Report
-        from afl_mujoco.report.style import save_figure
+        from afl_mujoco.report.figures import save_figure
         from afl_mujoco.report.terminal import print_report
         from afl_mujoco.scenario.sample_space import NOISE_DRAWS
         from afl_mujoco.scenario.time_steps import LONGEST_STEP
         from afl_mujoco.simulation.bound_controllers import bound
-        from afl_mujoco.simulation.figures import draw_run
+        from afl_mujoco.simulation.judgement import remarks_on
         from afl_mujoco.simulation.metrics import in_order, metrics
-        from afl_mujoco.simulation.remarks import remarks_on
-        from afl_mujoco.simulation.scoring import nominal_scales, with_objective
         from afl_mujoco.simulation.trajectory import Layout
         from afl_mujoco.studies.shared import tables
         from afl_mujoco.studies.shared.run import run_of
+        from afl_mujoco.studies.verify.claims import nominal_scales, with_objective
 
         controller = bound(controller, scenario)
         run = self.simulate(scenario, controller, how)
@@ -366,7 +364,7 @@ class Simulate(_Deployed):
         others = [f"{scenario.name}.toml"]
         if self.page:
             others.insert(0, f"{stem}.png")
-            save_figure(draw_run(run, f"{scenario.name}, {controller.name}"), folder / others[0])
+            save_figure(run.plot(), folder / others[0])
         figures = metrics(scenario, controller, run)
         if scenario.is_cart_pole:
             scales = nominal_scales(how.timestep or LONGEST_STEP)

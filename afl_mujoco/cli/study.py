@@ -69,8 +69,7 @@ def write_page(folder: Path, films: Path) -> Path:
 
 
 def _reproduce(records: Sequence[Record]) -> Section:
-    from afl_mujoco.report.blocks import Section
-    from afl_mujoco.report.markdown import code
+    from afl_mujoco.report.blocks import Section, code
 
     blocks: list[Block] = []
     found: dict[str, dict[str, str]] = {}

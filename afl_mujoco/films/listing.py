@@ -9,8 +9,7 @@ from pathlib import Path
 from pydantic import PositiveInt
 
 from afl_mujoco.files import inside, read_json, write_json
-from afl_mujoco.report.blocks import Block, Film, Section
-from afl_mujoco.report.numbers import sentence
+from afl_mujoco.report.blocks import Block, Film, Section, sentence
 from afl_mujoco.scenario.time_steps import Deployed
 
 LISTING = "films.json"  # file beside the films that says what they show

@@ -20,12 +20,11 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.replay import AFTERWARDS, IDEAL, Replay, last_frame
-from afl_mujoco.films.scene import GHOST, Stage
-from afl_mujoco.report.style import BLACK, colours, styled
+from afl_mujoco.films.scene import GHOST, Frame, Stage
+from afl_mujoco.report.figures import BLACK, colours, styled
 from afl_mujoco.scenario.parameters import labelled
-from afl_mujoco.simulation.decor import FORCE, PUSH, Colour
+from afl_mujoco.simulation.drawing import FORCE, PUSH, Colour
 
 Picture = NDArray[np.uint8]
 Rgb = tuple[int, int, int]

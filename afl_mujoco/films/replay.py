@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.disturbances import Impulse, channel_of
 from afl_mujoco.scenario.parameters import labelled, symbol
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Impulse, channel_of
 from afl_mujoco.scenario.time_steps import LONGEST_STEP, Deployed
 from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.simulation.drawing import PUSHED, between, changing, said_during
 from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import simulate_ode_held
-from afl_mujoco.simulation.poses import PUSHED, between, changing, said_during
 from afl_mujoco.simulation.simulate import simulate_ode
 from afl_mujoco.simulation.trajectory import Trajectory
 

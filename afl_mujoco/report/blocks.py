@@ -1,17 +1,79 @@
-"""What a report is made of: Markdown, and four blocks that Markdown does not have."""
+"""What a report is made of: numbers, Markdown, and four blocks that Markdown does not have."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
-from afl_mujoco.report.numbers import MISSING
-
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Drawing
+
+SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+MISSING = "–"  # sign for a missing number
+
+
+def scientific(value: float | None, digits: int = 2) -> str:
+    """Return a value with a few digits and a power of ten; 0 as it is."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value == 0.0:
+        return "0"
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    return f"{_signed(mantissa)}×10{str(int(exponent)).translate(SUPERSCRIPTS)}"
+
+
+def short(value: float | None, digits: int = 4) -> str:
+    """Return a value as a person writes it: plain if that is short, else scientific."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    if value and not 1e-3 <= abs(value) < 1e6:
+        return scientific(value, min(digits, 2))
+    rounded = float(f"{value:.{digits}g}")
+    return _signed(f"{rounded:,.0f}".replace(",", " ") if abs(rounded) >= 1e4 else f"{rounded:g}")
+
+
+def fixed(value: float | None, decimals: int) -> str:
+    """Return a value with a number of decimals, for columns that are read from top to bottom."""
+    if value is None or not math.isfinite(value):
+        return MISSING
+    return _signed(f"{value:.{decimals}f}")
+
+
+def limit(value: float) -> str:
+    """Return a limit: a bare power of ten if it is a small one."""
+    if 0.0 < value < 1e-2:
+        exponent = round(math.log10(value))
+        if math.isclose(value, 10.0**exponent):
+            return "10" + str(exponent).translate(SUPERSCRIPTS)
+    return short(value)
+
+
+def percent(share: float | None, digits: int = 2) -> str:
+    """Return a share in percent."""
+    if share is None or not math.isfinite(share):
+        return MISSING
+    return f"{short(100.0 * share, digits)} %"
+
+
+def _signed(text: str) -> str:
+    """Return a number's text with a proper minus sign, and none before zero."""
+    return text.replace("-", "−" if text.strip("-0.") else "")
+
+
+def listed(parts: Sequence[str], word: str) -> str:
+    """Join parts as in a sentence, the last by ``and`` or ``or``."""
+    return f" {word} ".join(filter(None, (", ".join(parts[:-1]), *parts[-1:])))
+
+
+def sentence(text: str) -> str:
+    """Return a text with a capital first letter."""
+    return text[:1].upper() + text[1:]
+
 
 Status = Literal["", "good", "neutral", "bad", "open"]
 """Status of a cell, shown as a mark and a colour; "open" means not decided."""
@@ -185,3 +247,52 @@ def without_figures(blocks: Sequence[Block]) -> list[Block]:
         replace(one, blocks=without_figures(one.blocks)) if isinstance(one, Section) else one
         for one in kept
     ]
+
+
+_SPECIAL = re.compile(r"([\\`*_{}\[\]<>|])")
+
+
+def to_markdown(found: Sequence[Block], level: int = 1) -> str:
+    """Return blocks as Markdown, with headings from a level on; pictures are linked."""
+    return "\n\n".join(_parts(found, level)) + "\n"
+
+
+def _parts(found: Sequence[Block], level: int) -> Iterator[str]:
+    for block in found:
+        if isinstance(block, str):
+            yield block
+        elif isinstance(block, Section):
+            yield f"{'#' * level} {plain(block.title)}"
+            yield from _parts(block.blocks, level + 1)
+        elif isinstance(block, Matrix):
+            yield _table(block)
+        elif isinstance(block, Figure):
+            picture = f"![{plain(block.alt)}]({block.files['png'].replace(' ', '%20')})"
+            yield f"{picture}\n\n**{plain(block.title)}.** {plain(block.caption)}".rstrip()
+        elif isinstance(block, Film):
+            said = f"**{plain(block.title)}.** {plain(block.caption)}"
+            yield f"{said} {code(block.command)} makes it."
+        elif not isinstance(block, Replay):  # it needs a page's script
+            raise TypeError(block)
+
+
+def _table(matrix: Matrix) -> str:
+    """Return a matrix under its caption, folded where the page folds it."""
+    sides = ("---:" if number else "---" for number in matrix.numbers)
+    rows = [[plain(cell.marked).replace("\n", " ") for cell in row] for row in matrix.cells]
+    lines = [[plain(header) for header in matrix.columns], [*sides], *rows]
+    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    text = f"*{plain(matrix.caption)}*\n\n{table}" if matrix.caption else table
+    if not matrix.folded:
+        return text
+    return f"<details><summary>{plain(matrix.folded)}</summary>\n\n{text}\n\n</details>"
+
+
+def code(text: str) -> str:
+    """Return text as code, even if it has backticks."""
+    return f"`{text}`" if "`" not in text else f"`` {text} ``"
+
+
+def plain(text: str) -> str:
+    """Return text that is taken literally."""
+    return _SPECIAL.sub(r"\\\1", text)

@@ -8,11 +8,10 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
-from afl_mujoco.scenario.disturbances import ForcePulse
 from afl_mujoco.scenario.imperfections import DRAWS, IDEAL
 from afl_mujoco.scenario.ranges import Range
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import staircase, trapezoid
+from afl_mujoco.scenario.schedules import ForcePulse, staircase, trapezoid
 
 # Decision D3: Fig. 6 is not in the paper's text, so values and times are ours.
 _CART_MASS = {

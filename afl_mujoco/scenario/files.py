@@ -15,13 +15,14 @@ from afl_mujoco.files import read_toml, shortened, write_text
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Parameter, Plant, known_as, load_plant
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.parameters import COORDINATES, STATE
 from afl_mujoco.scenario.ranges import ranges_to_table
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import (
+    ForcePulse,
+    Impulse,
     Schedule,
     constant,
     joined,

@@ -11,8 +11,8 @@ from typing import Annotated, Any, NamedTuple
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse
 from afl_mujoco.scenario.parameters import from_target
+from afl_mujoco.scenario.schedules import ForcePulse, Impulse
 from afl_mujoco.values import (
     EMPTY,
     ByName,

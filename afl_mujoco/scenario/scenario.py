@@ -14,7 +14,6 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Parameter, Plant, load_plant
 from afl_mujoco.scenario.belief import TRUTH, Belief, is_error
-from afl_mujoco.scenario.disturbances import ForcePulse, Impulse, channel_of, channels_of
 from afl_mujoco.scenario.imperfections import BY_INPUT, IDEAL, Imperfections, require_within_stop
 from afl_mujoco.scenario.parameters import (
     CONSTANTS,
@@ -26,7 +25,14 @@ from afl_mujoco.scenario.parameters import (
 )
 from afl_mujoco.scenario.ranges import ranges_of
 from afl_mujoco.scenario.requirements import NONE, Requirements, asked_of, bands_of
-from afl_mujoco.scenario.schedules import Schedule, constant
+from afl_mujoco.scenario.schedules import (
+    ForcePulse,
+    Impulse,
+    Schedule,
+    channel_of,
+    channels_of,
+    constant,
+)
 from afl_mujoco.values import (
     EMPTY,
     ByName,

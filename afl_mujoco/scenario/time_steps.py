@@ -10,8 +10,8 @@ import numpy as np
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.scenario.disturbances import Impulse, channel_of, channels_of
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Impulse, channel_of, channels_of
 from afl_mujoco.values import PER_SECOND, require_positive
 
 MOST_STEPS = 10_000_000  # largest number of steps: more would fill the memory before the run ends

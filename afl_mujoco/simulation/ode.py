@@ -22,9 +22,9 @@ from afl_mujoco.plants.cartpole_equations import (
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree, terms_of
-from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
+from afl_mujoco.scenario.schedules import Impulse
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation import integrator as dop853
 from afl_mujoco.simulation.integrator import (

@@ -26,7 +26,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.cartpole import FALL_ANGLE as FALL_ANGLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.files import scenario_to_table
-from afl_mujoco.scenario.parameters import LARGEST_STATE
+from afl_mujoco.scenario.parameters import LARGEST_STATE, labelled
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import instants
 
@@ -223,9 +223,29 @@ class Trajectory:
 
     def plot(self) -> Any:
         """Draw states, inputs and parameters over time; return the matplotlib figure."""
-        from afl_mujoco.simulation.figures import draw_run
+        from afl_mujoco.report.figures import SKY, TIME, new_figure, styled
 
-        return draw_run(self, self._title)
+        with styled():
+            shown = _panels(self)
+            rows = -(-len(shown) // 2)
+            figure = new_figure(11.0, 2.5 * rows)
+            axes = figure.subplots(rows, 2, sharex=True, squeeze=False).ravel()
+            for axis, (label, curve, pale) in zip(axes, shown, strict=False):
+                axis.plot(self.time, curve, label=self.simulator, color=SKY, linewidth=2.6)
+                if pale is not None:
+                    axis.plot(self.time, pale, color=SKY, linewidth=0.6, alpha=0.5)
+                axis.set_ylabel(label)
+            for axis in axes:
+                axis.margins(x=0.01)
+            for axis in axes[-2:]:
+                axis.set_xlabel(TIME)
+            axes[0].legend()
+            for axis in axes[len(shown) :]:
+                axis.axis("off")
+                axes[-3].tick_params(labelbottom=True)
+                axes[-3].set_xlabel(TIME)
+            figure.suptitle(self._title)
+            return figure
 
     def to_pandas(self) -> Any:
         """Return states, inputs, commands and parameters as a pandas DataFrame, its index time [s].
@@ -463,3 +483,25 @@ def assemble(
         provenance=provenance,
         **deployed,
     )
+
+
+_Panel = tuple[str, Floats, Floats | None]
+
+
+def _panels(run: Trajectory) -> list[_Panel]:
+    """Return label, curve and a pale curve of each panel: each coordinate beside its rate."""
+    layout, n = run.layout, len(run.layout.coordinates)
+    found: list[_Panel] = []
+
+    def label(name: str) -> str:
+        return labelled(name, layout.units.get(name, ""))
+
+    for i, name in enumerate(layout.coordinates):
+        for column, state in ((i, name), (n + i, f"{name}_dot")):
+            found.append((label(state), run.state[:, column], None))
+    for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
+        differs = bool((force != command).any())
+        told = label(name) + " (thin: command)" * differs
+        found.append((told, force, command if differs else None))
+    found += [(name, values, None) for name, values in run.signals.items()]
+    return [*found, *((label(name), x, None) for name, x in run.parameters.items() if np.ptp(x))]

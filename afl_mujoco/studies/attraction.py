@@ -15,8 +15,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import fixed, percent, short
+from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report, fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import LARGEST_STATE, from_target, require_start_angle, symbol
 from afl_mujoco.scenario.requirements import NONE
@@ -227,7 +226,7 @@ def _draw(result: Result, maps: Mapping[str, NDArray[np.int_]], present: Sequenc
     from matplotlib.colors import to_rgba
     from matplotlib.patches import Patch
 
-    from afl_mujoco.report.style import new_figure
+    from afl_mujoco.report.figures import new_figure
 
     columns = min(len(maps), 3)
     rows = -(-len(maps) // columns)

@@ -15,8 +15,7 @@ from afl_mujoco.plants.equations import POINTS, Points, load_equations, split
 from afl_mujoco.plants.plant import Floats, Plant, load_plant
 from afl_mujoco.plants.suspects import Search
 from afl_mujoco.plants.tree import Tree, terms_of
-from afl_mujoco.report.blocks import Block, Cell, Matrix, Report
-from afl_mujoco.report.markdown import plain
+from afl_mujoco.report.blocks import Block, Cell, Matrix, Report, plain
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
 
 PlantName = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="PLANT")]

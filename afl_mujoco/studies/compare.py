@@ -16,16 +16,15 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen
 from afl_mujoco.control.plant_feedback import LinearFeedback
 from afl_mujoco.errors import AflMujocoError, UnknownNameError, require_count
-from afl_mujoco.report.blocks import Block, Figure, Report, Section
-from afl_mujoco.report.markdown import plain
+from afl_mujoco.report.blocks import Block, Figure, Report, Section, plain
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.metrics import in_order, metrics
-from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.trajectory import Layout, Trajectory
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import (
@@ -207,7 +206,7 @@ class Result:
         name = self.scenarios[0].name if scenario is None else scenario
         if name not in known:
             raise UnknownNameError.among("scenario", name, known)
-        from afl_mujoco.report.style import styled
+        from afl_mujoco.report.figures import styled
 
         with styled():
             return draw_responses(known[name], self.curves_on(known[name]))
@@ -224,7 +223,7 @@ class Result:
 
     def _repr_markdown_(self) -> str:
         """Return the same as Markdown, for a notebook."""
-        from afl_mujoco.report.markdown import to_markdown
+        from afl_mujoco.report.blocks import to_markdown
 
         return to_markdown(self._told)
 

@@ -12,8 +12,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
 from afl_mujoco.control.names import SUBJECT
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
-from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import fixed, short
+from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report, fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario

@@ -20,9 +20,17 @@ from afl_mujoco.identification.export import TILT, certain
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.log import Log
 from afl_mujoco.identification.prediction import Errors
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.markdown import plain
-from afl_mujoco.report.numbers import listed, percent, short
+from afl_mujoco.report.blocks import (
+    Block,
+    Cell,
+    Figure,
+    Matrix,
+    Report,
+    listed,
+    percent,
+    plain,
+    short,
+)
 from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario

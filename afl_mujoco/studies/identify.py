@@ -16,8 +16,7 @@ from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.identify import Identified
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS
 from afl_mujoco.identification.log import Log
-from afl_mujoco.report.blocks import Block, Figure, Matrix, Report
-from afl_mujoco.report.numbers import percent, short
+from afl_mujoco.report.blocks import Block, Figure, Matrix, Report, percent, short
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
 from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_log, shown_of
 

@@ -15,9 +15,18 @@ import numpy as np
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import INFORMED, chosen
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.markdown import plain
-from afl_mujoco.report.numbers import MISSING, fixed, listed, short
+from afl_mujoco.report.blocks import (
+    MISSING,
+    Block,
+    Cell,
+    Figure,
+    Matrix,
+    Report,
+    fixed,
+    listed,
+    plain,
+    short,
+)
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.scenario.scenario import Scenario

@@ -15,8 +15,7 @@ from afl_mujoco.control.names import chosen, subject_of
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Report
-from afl_mujoco.report.numbers import MISSING, fixed, percent
+from afl_mujoco.report.blocks import MISSING, Block, Cell, Figure, Matrix, Report, fixed, percent
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario

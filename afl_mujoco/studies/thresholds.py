@@ -12,8 +12,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import SWEPT, chosen, subject_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.report.blocks import Block, Report
-from afl_mujoco.report.numbers import MISSING, listed, percent, short
+from afl_mujoco.report.blocks import MISSING, Block, Report, listed, percent, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario

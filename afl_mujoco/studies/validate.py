@@ -14,7 +14,6 @@ from afl_mujoco.scenario.catalogue import SCENARIOS, is_published
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
-from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, run_of
@@ -29,9 +28,21 @@ from afl_mujoco.studies.verify.cases import (
     reported_runs,
     require_runnable,
 )
-from afl_mujoco.studies.verify.checks import closed_loop_checks, equation_checks, reference_checks
-from afl_mujoco.studies.verify.claims import Claim, Comparison, decidable, judge_claims, shipped
-from afl_mujoco.studies.verify.criteria import Check
+from afl_mujoco.studies.verify.checks import (
+    Check,
+    closed_loop_checks,
+    equation_checks,
+    reference_checks,
+)
+from afl_mujoco.studies.verify.claims import (
+    Claim,
+    Comparison,
+    decidable,
+    judge_claims,
+    nominal_scales,
+    shipped,
+    with_objective,
+)
 from afl_mujoco.studies.verify.explanation import (
     ErrorBudget,
     Growth,

@@ -6,13 +6,12 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.films.camera import Frame
 from afl_mujoco.films.picture import draw_plots
 from afl_mujoco.films.replay import record
-from afl_mujoco.films.scene import Stage, pose
+from afl_mujoco.films.scene import Frame, Stage, pose
 from afl_mujoco.films.video import make_films, side_by_side
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.decor import LIMIT, STOP, add_forces, add_tracks, drawn_model
+from afl_mujoco.simulation.drawing import LIMIT, STOP, add_forces, add_tracks, drawn_model
 from tests.plants.plants import known
 
 FPS = 20

@@ -4,8 +4,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from afl_mujoco.films.camera import Frame
-from afl_mujoco.films.scene import Stage
+from afl_mujoco.films.scene import Frame, Stage
 from tests.films.test_plants import segments
 
 pytestmark = pytest.mark.slow

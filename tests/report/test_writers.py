@@ -9,10 +9,8 @@ from matplotlib.text import Text
 from afl_mujoco.control.names import NAMES
 from afl_mujoco.report import blocks
 from afl_mujoco.report import terminal as terminal_module
-from afl_mujoco.report.markdown import code, plain, to_markdown
-from afl_mujoco.report.numbers import limit, scientific, short
-from afl_mujoco.report.page import to_html
-from afl_mujoco.report.style import (
+from afl_mujoco.report.blocks import code, limit, plain, scientific, short, to_markdown
+from afl_mujoco.report.figures import (
     CONTROLLERS,
     colours,
     lay_out,
@@ -21,6 +19,7 @@ from afl_mujoco.report.style import (
     styled,
     write_figure,
 )
+from afl_mujoco.report.page import to_html
 from afl_mujoco.report.terminal import print_report, to_text
 
 NASTY = "<script>alert(1)</script> [red] | a_b"

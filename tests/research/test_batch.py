@@ -8,7 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.gains import GainFunction
-from afl_mujoco.simulation.scoring import ObjectiveScales, objective
+from afl_mujoco.studies.verify.claims import ObjectiveScales, objective
 from research.batch import LANES, PENALTY, Terms, closed_loop_terms, penalised_objective
 from research.random_schedules import random_scenario
 from research.scheduled import scheduled_terms

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from afl_mujoco.simulation.scoring import ObjectiveScales
 from afl_mujoco.studies.verify import claims as verdicts
+from afl_mujoco.studies.verify.claims import ObjectiveScales
 from research import claims
 from research.gain_tuning import GainTable
 

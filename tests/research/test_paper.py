@@ -7,7 +7,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.scoring import nominal_scales, with_objective
+from afl_mujoco.studies.verify.claims import nominal_scales, with_objective
 from research import paper
 
 RESULT = Path(__file__).parents[2] / "docs" / "results" / "readings.json"

@@ -10,7 +10,7 @@ import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.simulation.remarks import remarks_on
+from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request

@@ -10,8 +10,7 @@ import afl_mujoco as afl
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of
-from afl_mujoco.simulation.judgement import failure_of, judge
-from afl_mujoco.simulation.remarks import remarks_on, unit_remarks
+from afl_mujoco.simulation.judgement import failure_of, judge, remarks_on, unit_remarks
 from tests.plants.plants import known
 
 ASKED = [name for name in asked_of(CART_POLE) if not name.startswith("min.")]

@@ -9,7 +9,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.metrics import metric_names, metrics
-from afl_mujoco.simulation.scoring import ObjectiveScales, objective_scales, with_objective
+from afl_mujoco.studies.verify.claims import ObjectiveScales, objective_scales, with_objective
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
 

@@ -14,8 +14,8 @@ from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.tree import terms_of
+from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, rate_forces
-from afl_mujoco.simulation.remarks import remarks_on
 from afl_mujoco.simulation.simulate import MovingTrees
 
 XML = """<mujoco><worldbody><body name="cart"><joint name="z" type="slide" axis="1 0 0"/>

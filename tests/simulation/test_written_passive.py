@@ -8,9 +8,9 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.simulation.drawing import tracks
+from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-from afl_mujoco.simulation.poses import tracks
-from afl_mujoco.simulation.remarks import remarks_on
 
 CART = """<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"{joint}/>
   <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody>

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from afl_mujoco.identification.prediction import CHOOSE, FIT
-from afl_mujoco.report.markdown import to_markdown
+from afl_mujoco.report.blocks import to_markdown
 from afl_mujoco.studies.hardware import Result, protocol, report
 from tests.study_results import RESULTS
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from afl_mujoco.errors import FileError
-from afl_mujoco.report import style
+from afl_mujoco.report import figures
 from afl_mujoco.studies.shared import record as record_module
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record, load_records, remove_record, save_record
@@ -79,7 +79,7 @@ def broken_off(folder, monkeypatch, part: str, error) -> None:
         raise error
 
     new = replace(study_results.record("margins"), command="the new one")
-    made = {"figures": (style, "save_figure"), "text": (record_module, "write_text")}[part]
+    made = {"figures": (figures, "save_figure"), "text": (record_module, "write_text")}[part]
     with (
         monkeypatch.context() as patch,
         pytest.raises(error if isinstance(error, type) else type(error)),

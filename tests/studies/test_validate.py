@@ -16,7 +16,7 @@ from afl_mujoco.studies.shared.run import Run as Row
 from afl_mujoco.studies.shared.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, report, run, verdict_of
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
-from afl_mujoco.studies.verify.criteria import CRITERIA
+from afl_mujoco.studies.verify.checks import CRITERIA
 from tests.messages import line
 from tests.study_results import record
 from tests.verification_result import make_result

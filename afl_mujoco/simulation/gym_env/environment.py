@@ -20,7 +20,7 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.ranges import scheduled
 from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.decor import LARGEST
+from afl_mujoco.simulation.drawing import LARGEST
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import Balance, load
 from afl_mujoco.simulation.trajectory import STATE_LIMIT

@@ -22,9 +22,8 @@ from afl_mujoco.simulation.gym_env.environment import (
 )
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-from afl_mujoco.simulation.mujoco_physics import Physics
 from afl_mujoco.simulation.sampled.episode import World
-from afl_mujoco.simulation.task import Reward
+from afl_mujoco.simulation.task import Physics, Reward
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 require_gymnasium()

@@ -59,7 +59,7 @@ def shown_of(
 
 def draw_log(shown: Shown, bands: Values | None = None) -> Any:
     """Draw a log beside the model; bands are times [s] and half-widths about both, shape (3, H)."""
-    from afl_mujoco.report.style import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
+    from afl_mujoco.report.figures import BLACK, BLUE, GREY, TIME, VERMILION, new_figure
 
     s, figure = shown, new_figure(9.0, 7.0)
     axes = figure.subplots(3, 1, sharex=True, height_ratios=(3, 3, 1.4))

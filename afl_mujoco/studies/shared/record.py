@@ -28,9 +28,18 @@ from afl_mujoco.files import (
     write_text,
 )
 from afl_mujoco.pool import interrupts_put_off, is_interrupt
-from afl_mujoco.report.blocks import Figure, Replay, Report, Section, drawn_of, without_figures
-from afl_mujoco.report.markdown import code, plain, to_markdown
-from afl_mujoco.report.style import write_figure
+from afl_mujoco.report.blocks import (
+    Figure,
+    Replay,
+    Report,
+    Section,
+    code,
+    drawn_of,
+    plain,
+    to_markdown,
+    without_figures,
+)
+from afl_mujoco.report.figures import write_figure
 from afl_mujoco.studies.shared.arrays import packed, unpacked
 from afl_mujoco.studies.shared.contract import Progress, Study, compute, silent, studies
 

@@ -10,8 +10,17 @@ from typing import Any
 
 import tomli_w
 
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Status
-from afl_mujoco.report.numbers import MISSING, percent, short
+from afl_mujoco.report.blocks import (
+    MISSING,
+    Block,
+    Cell,
+    Figure,
+    Matrix,
+    Replay,
+    Status,
+    percent,
+    short,
+)
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
@@ -55,7 +64,7 @@ def replay(name: str, scenario: Scenario, runs: Moving, endings: Mapping[str, st
 
 
 def _replayed(*arguments: Any) -> Mapping[str, Any]:
-    from afl_mujoco.simulation.poses import replay_data  # not before MuJoCo may be imported
+    from afl_mujoco.simulation.drawing import replay_data  # not before MuJoCo may be imported
 
     return replay_data(*arguments)
 

@@ -26,9 +26,8 @@ from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, cri
 from afl_mujoco.studies.check import check
 from afl_mujoco.studies.shared.run import run_of
 from afl_mujoco.studies.verify.cases import DEPLOYED, Case, reported_runs
-from afl_mujoco.studies.verify.checks import one_step_difference
+from afl_mujoco.studies.verify.checks import ANY, CRITERIA, Check, judged, one_step_difference
 from afl_mujoco.studies.verify.convergence import STEPS, Study, last_state, sampled_study, studied
-from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check, judged
 from afl_mujoco.studies.verify.explanation import Growth, Judged, error_budget, moving
 
 EVERY = 0.25  # how long the ODE runs before it starts again from MuJoCo's state [s]

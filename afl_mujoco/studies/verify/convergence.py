@@ -14,9 +14,9 @@ from scipy.integrate import solve_ivp
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.cartpole_equations import acceleration
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.scenario.disturbances import Impulse
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.schedules import Impulse
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held

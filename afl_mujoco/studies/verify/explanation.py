@@ -27,7 +27,7 @@ from afl_mujoco.simulation.trajectory import COMPLETED, Trajectory, criterion_of
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.run import Run
 from afl_mujoco.studies.verify.cases import Simulated
-from afl_mujoco.studies.verify.checks import state_difference
+from afl_mujoco.studies.verify.checks import CRITERIA, Check, judged, state_difference
 from afl_mujoco.studies.verify.convergence import (
     STEPS,
     continuous_study,
@@ -35,7 +35,6 @@ from afl_mujoco.studies.verify.convergence import (
     schedule_study,
     studied,
 )
-from afl_mujoco.studies.verify.criteria import CRITERIA, Check, judged
 
 # --- the error budget ---------------------------------------------------------------------------
 

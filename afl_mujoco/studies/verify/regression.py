@@ -15,7 +15,6 @@ from afl_mujoco.errors import FileError
 from afl_mujoco.files import read_json, remove_file, write_json
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.scoring import nominal_scales, with_objective
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.shared.contract import Progress, compute, silent
 from afl_mujoco.studies.verify.cases import (
@@ -24,6 +23,7 @@ from afl_mujoco.studies.verify.cases import (
     closed_loop_runs,
     reported_runs,
 )
+from afl_mujoco.studies.verify.claims import nominal_scales, with_objective
 
 REGRESSED = ("fixed", "adaptive")  # the controllers that have baselines
 UPDATE = "make baselines"  # the command that makes the current state the baseline

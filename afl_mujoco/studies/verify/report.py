@@ -6,16 +6,27 @@ import re
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from afl_mujoco.report.blocks import Block, Cell, Figure, Matrix, Replay, Report, Section
-from afl_mujoco.report.numbers import fixed, limit, scientific, short
+from afl_mujoco.report.blocks import (
+    Block,
+    Cell,
+    Figure,
+    Matrix,
+    Replay,
+    Report,
+    Section,
+    fixed,
+    limit,
+    scientific,
+    short,
+)
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.cases import DEPLOYED
+from afl_mujoco.studies.verify.checks import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
-from afl_mujoco.studies.verify.criteria import ANY, CRITERIA, Check
 from afl_mujoco.studies.verify.explanation import SOURCES
 
 if TYPE_CHECKING:
@@ -132,8 +143,7 @@ def _claims(result: Result) -> Section:
 
 def _draw_claims(result: Result) -> Any:
     """Draw the two numbers of each claim that is counted in percent, C9 with its interval."""
-    from afl_mujoco.report.figures import Dot, dots
-    from afl_mujoco.report.style import BLUE, GREY, ORANGE, VERMILION
+    from afl_mujoco.report.figures import BLUE, GREY, ORANGE, VERMILION, Dot, dots
 
     colours = {"good": BLUE, "neutral": ORANGE, "bad": VERMILION, "open": GREY}
     rows: dict[str, list[Dot]] = {}

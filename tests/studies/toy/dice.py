@@ -78,7 +78,7 @@ def report(result: Result) -> Report:
 
 def _draw(eyes: Any) -> Any:
     """Draw the eyes."""
-    from afl_mujoco.report.style import new_figure
+    from afl_mujoco.report.figures import new_figure
 
     figure = new_figure(3.0, 2.0)
     figure.subplots().plot(eyes)

@@ -10,7 +10,7 @@ import afl_mujoco as afl
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.studies.verify import checks
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
-from afl_mujoco.studies.verify.criteria import CRITERIA
+from afl_mujoco.studies.verify.checks import CRITERIA
 from tests.studies.test_validate import SHORT
 
 RIGHT = 0.97  # of a range that thousands of draws fill

@@ -7,8 +7,8 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.simulation.metrics import metrics
-from afl_mujoco.simulation.scoring import ObjectiveScales, with_objective
 from afl_mujoco.studies.verify import claims as ledger
+from afl_mujoco.studies.verify.claims import ObjectiveScales, with_objective
 
 PUBLISHED = {case: {"one": x} for case, x in ledger.PUBLISHED_IMPROVEMENT.items()}
 TRIED = ledger.Readings(drawn=4, near=dict.fromkeys(PUBLISHED, 4), fitted=PUBLISHED)

@@ -9,8 +9,8 @@ import afl_mujoco as afl
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from afl_mujoco.studies.verify import explanation
 from afl_mujoco.studies.verify.cases import Settings, closed_loop_runs
+from afl_mujoco.studies.verify.checks import CRITERIA
 from afl_mujoco.studies.verify.convergence import STEPS, Study, sampled_study
-from afl_mujoco.studies.verify.criteria import CRITERIA
 from tests.feedback import feedback
 
 PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation import poses
-from afl_mujoco.simulation.poses import FPS, replay_data
+from afl_mujoco.simulation import drawing
+from afl_mujoco.simulation.drawing import FPS, replay_data
 from tests.plants.plants import known
 
 QUADROTOR = Path("examples/quadrotor_load.xml")
@@ -112,7 +112,7 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
 
 
 def test_a_long_run_has_fewer_frames(monkeypatch) -> None:
-    monkeypatch.setattr(poses, "MOST_NUMBERS", 20_000)
+    monkeypatch.setattr(drawing, "MOST_NUMBERS", 20_000)
     scenario, time = afl.Scenario(name="long", duration=300.0), np.linspace(0.0, 300.0, 900)
     data = replay_data(scenario, {"lqr": moving(time, np.sin(time), 0.1 * np.sin(time))}, {})
     assert 1.0 < data["fps"] < 8.0 and data["runs"][0]["frames"] * 9 * 2 <= 1.01 * 20_000
