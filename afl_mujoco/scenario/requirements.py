@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -158,18 +159,23 @@ class Requirements(Checked):
         if self.ends_at is not None:
             with within("requirements.ends_at "):
                 found["ends_at"] = self.ends_at.ordered(tuple(plant.coordinates))
-        for thing in ("max", "bands"):
-            for name, end in found.get("ends_at", plant.ends_at).items():
-                value = found[thing].get(name)
-                if value is not None and plant.units[name] == "rad" and not value <= end:
-                    hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
-                    rule = f"must be at most {end:.4g} rad, where a run ends ({hint})"
-                    raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
+        for thing, name in itertools.product(("max", "bands"), plant.coordinates):
+            value, turn = found[thing].get(name), math.pi if name in plant.wraps else math.inf
+            end = found.get("ends_at", plant.ends_at).get(name, math.inf)
+            if value is not None and plant.units[name] == "rad" and not value <= min(end, turn):
+                why = "where a run ends" if end <= turn else "as it is measured modulo a turn"
+                hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
+                rule = f"must be at most {min(end, turn):.4g} rad, {why} ({hint})"
+                raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
         about = self.targets(plant)
         for name, least in found["min"].items():
-            most = about.get(name, 0.0) + found["max"].get(name, math.inf)
-            if name not in plant.wraps and not least <= most:
+            turn = math.pi if name in plant.wraps else math.inf
+            low = about.get(name, 0.0) - turn
+            most = about.get(name, 0.0) + found["max"].get(name, turn)
+            if not low < least <= most:
                 rule = f"must be at most {most:g}, the largest that requirements.max.{name} allows"
+                if math.isfinite(turn):
+                    rule = f"must lie in {low:.4g} to {most:.4g}, as it is measured modulo a turn"
                 raise InvalidValueError(f"requirements.min.{name}", rule, f"{least:g}")
         bands = bands_of(plant)
         own = {name: band for name, band in found["bands"].items() if band != bands[name]}

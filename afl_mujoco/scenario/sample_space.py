@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -16,6 +17,7 @@ from afl_mujoco.scenario.imperfections import (
     LARGEST_SEED,
     require_within_stop,
 )
+from afl_mujoco.scenario.parameters import LARGEST_START_ANGLE
 from afl_mujoco.scenario.ranges import Range, hardware_of, scheduled, variable
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
@@ -225,7 +227,11 @@ def draw_of(scenario: Scenario, index: int) -> Scenario:
     away = Generator(Philox(_stream(seed, _DRAW, index))).uniform(-0.5, 0.5, len(names))
     start = list(scenario.initial_state)
     for i, name in enumerate(names):
-        start[i] += float(away[i]) * r.at(f"encoder_step.{name}")
+        shift = float(away[i]) * r.at(f"encoder_step.{name}")
+        most = LARGEST_START_ANGLE if scenario.plant.units[name] == "rad" else math.inf
+        most = min(most, r.at(f"end_stops.{name}") or math.inf)
+        inside = (x for x in (start[i] + shift, start[i] - shift) if abs(x) < most)
+        start[i] = next(inside, start[i])
     return replace(scenario, initial_state=tuple(start), imperfections=replace(r, seed=seed))
 
 

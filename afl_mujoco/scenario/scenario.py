@@ -379,6 +379,12 @@ class Scenario:
         ordered = {name: limits.get(name) for name in asked_of(self.plant)}
         return {name: limit for name, limit in ordered.items() if limit is not None}
 
+    @property
+    def judged(self) -> bool:
+        """Whether more is asked of a run than to complete and to keep off its end stops."""
+        asked = self.required.keys()
+        return bool(asked - {"completes", "end_stops"} or (asked and "completes" not in asked))
+
     def about(self, name: str) -> float:
         """Return from where `max` of a state, an input, a command or a signal is measured."""
         return self.requirements.targets(self.plant).get(name, 0.0)

@@ -104,6 +104,8 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
         peak = metrics[known[f"max.{name}"].metric]
         yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share or 0.0)
     states = dict(zip(scenario.plant.states, run.state.T, strict=True))
+    turned = dict(zip(scenario.plant.states, run.away.T, strict=True))
+    states |= {name: scenario.about(name) + turned[name] for name in scenario.plant.wraps}
     for name, limit in asked.min.items():
         least = float((run.signals[name] if name in run.signals else states[name]).min())
         yield _least(f"min.{name}", limit, least, completed)

@@ -17,8 +17,13 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report, fixed, percent, short
 from afl_mujoco.scenario.files import find_scenario
-from afl_mujoco.scenario.parameters import LARGEST_STATE, from_target, require_start_angle, symbol
-from afl_mujoco.scenario.requirements import NONE
+from afl_mujoco.scenario.parameters import (
+    LARGEST_START_ANGLE,
+    LARGEST_STATE,
+    from_target,
+    require_start_angle,
+    symbol,
+)
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
@@ -104,17 +109,21 @@ def prepare(options: Options) -> Request:
     controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
+    for name in scenario.plant.wraps:  # the same place, within a turn from 0
+        target[name] -= 2.0 * math.pi * round(target[name] / (2.0 * math.pi))
     if len(o.reach) not in (0, 2):
         raise InvalidValueError("reach", "must be two numbers", o.reach)
     asked = zip(axes, o.reach or (None, None), strict=True)
-    reach = {name: _reach(name, given, scenario) for name, given in asked}
+    reach = {
+        name: _reach(name, given, scenario, abs(target.get(name, 0.0))) for name, given in asked
+    }
     angles, rates = (
         target.get(name, 0.0) + np.linspace(-most, most, count) for name, most in reach.items()
     )
     return Request(scenario, controllers, axes, angles, rates, deployed)
 
 
-def _reach(name: str, given: float | None, scenario: Scenario) -> float:
+def _reach(name: str, given: float | None, scenario: Scenario, around: float) -> float:
     """Return how far a state goes from its target, within end stops and what ends a run."""
     unit = scenario.plant.units[name]
     stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
@@ -124,12 +133,12 @@ def _reach(name: str, given: float | None, scenario: Scenario) -> float:
             rule = f"must be below {min(end, LARGEST_STATE):.4g} {unit} for {name}"
             raise InvalidValueError("reach", rule, given)
         if unit == "rad":
-            require_start_angle("reach", given)
+            require_start_angle("reach", given + around)
         return given
     most, share = 20.0 * scenario.band(name.removesuffix("_dot")), 0.95
     if scenario.is_cart_pole and name.startswith("phi"):
         most, share = (10.0 if name.endswith("_dot") else 1.55), 0.99
-    turn = math.pi if unit == "rad" else math.inf
+    turn = min(math.pi, LARGEST_START_ANGLE - around) if unit == "rad" else math.inf
     return require_positive(f"reach of {name}", min(most, share * end, turn))
 
 
@@ -164,7 +173,7 @@ class Result:
 
     def kind(self, run: Run) -> int:
         """Return how a run ended, an index into `WORDS`."""
-        judged = self.scenario.requirements != NONE and bool(self.scenario.required)
+        judged = self.scenario.judged
         if run.failure or not (judged or run.outcome == COMPLETED):
             fallen = {FELL: FALLEN, DIVERGED: FALLEN, CONTROLLER_FAILED: FAILED}
             return fallen.get(run.outcome, MISSED)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
+from types import MappingProxyType
 from typing import Annotated, Any, NamedTuple
 
 import tyro
@@ -12,7 +14,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import SWEPT, chosen, subject_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
-from afl_mujoco.report.blocks import MISSING, Block, Report, listed, percent, short
+from afl_mujoco.report.blocks import MISSING, Block, Report, listed, percent, plain, short
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.imperfections import Imperfection
 from afl_mujoco.scenario.scenario import Scenario
@@ -32,9 +34,10 @@ from afl_mujoco.studies.shared.robustness import (
     all_settled,
     find_imperfection,
     known_of,
+    left_out,
     referred,
     require_runs,
-    run_bare,
+    run_on,
     survived,
     sweep,
     times_reference,
@@ -104,6 +107,7 @@ class Request(NamedTuple):
     scenarios: tuple[Scenario, ...]
     settings: Settings = Settings()
     names: Sequence[str] = tuple(KNOWN)  # of imperfections
+    left_out: Mapping[str, str] = MappingProxyType({})  # why others cannot be swept, by title
 
     @property
     def plant(self) -> Plant:
@@ -114,11 +118,17 @@ class Request(NamedTuple):
         """Return it, or raise if a rule is broken."""
         if any(scenario.plant is not self.plant for scenario in self.scenarios):
             raise InvalidValueError("scenarios", "must be of one plant")
-        named = [find_imperfection(name, self.plant).name for name in self.names]
-        require_distinct("imperfection", named)
+        named = [find_imperfection(name, self.plant) for name in self.names]
+        require_distinct("imperfection", [one.name for one in named])
         self.settings.require()
         require_runs(self.controllers, self.scenarios, self.settings.deployed)
-        return self
+        why = [(one, left_out(self.scenarios, one, self.settings.timestep)) for one in named]
+        out = {one.title: reason for one, reason in why if reason}
+        if len(out) == len(named):
+            rule = "must leave one that can be swept"
+            raise InvalidValueError("imperfections", f"{rule} ({next(iter(out.values()))})")
+        names = [one.name for one, reason in why if not reason]
+        return self._replace(names=names, left_out=out)
 
 
 def prepare(options: Options) -> Request:
@@ -160,6 +170,7 @@ class Result:
     # no sweeps
     bare: Mapping[str, tuple[int, ...]]
     sweeps: tuple[Sweep, ...] = ()  # by imperfection and then by controller
+    left_out: Mapping[str, str] = field(default_factory=dict)  # why others were not swept, by title
 
     def runs(self, places: Sequence[int]) -> list[Run]:
         """Return some of the runs."""
@@ -180,9 +191,10 @@ def run(
     request: Request, *, progress: Progress = silent, workers: int = 1, cluster: str | None = None
 ) -> Result:
     """Find the thresholds; workers and cluster do not change a bit of them."""
-    controllers, scenarios, settings, names = request
+    controllers, scenarios, settings, names, out = request
     asked = [SweepUnit("", one, scenarios, settings) for one in controllers]
-    bare = compute(run_bare, asked, "as it is", progress, workers, cluster=cluster)
+    as_it_is = partial(run_on, hardware={})
+    bare = compute(as_it_is, asked, "as it is", progress, workers, cluster=cluster)
     sound = [unit for unit, runs in zip(asked, bare, strict=True) if survived(runs)]
     units = [unit._replace(name=name) for name in names for unit in sound]
     swept = [find_imperfection(name, request.plant) for name in names]
@@ -206,6 +218,7 @@ def run(
         rows=tuple(rows),
         bare=first,
         sweeps=tuple(sweeps),
+        left_out=dict(out),
     )
 
 
@@ -262,6 +275,7 @@ def report(result: Result) -> Report:
     blocks: list[Block] = []
     if failing:
         blocks.append(f"With nothing added: {'; '.join(failing)}.")
+    blocks += [f"Not swept: {title}: {plain(why)}." for title, why in result.left_out.items()]
     if names:
         cells = {
             _label(result, one): [_cell(result, one, name) for name in names]
@@ -291,6 +305,7 @@ def _headline(result: Result, names: Sequence[str]) -> str:
     survives = sum(grade > FAILS for grade, *_ in acting)
     _, least, found = min(acting, key=lambda x: (x[0] == MUCH, _spare(*x[1:])))
     at = _with_unit(least, threshold_text(least, found.survives))
+    at = "none that was tried" if found.survives.fails_at is None else at
     reference = _with_unit(least, level_text(least, least.reference))
     return (
         f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "

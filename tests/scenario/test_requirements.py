@@ -1,5 +1,3 @@
-import dataclasses
-
 import pytest
 
 import afl_mujoco as afl
@@ -41,6 +39,8 @@ def test_a_file_asks_for_them_and_gives_them_back(tmp_path) -> None:
     ("max.z = -1", "requirements.max.z must be positive, got -1"),
     ("max.phi = 15", f"requirements.max.phi {FALLEN} (15 degrees is"),
     ("max_force = 1", "requirements.max_force is not a known key; it is now max = { force"),
+    ("ends_at = {}\nmax.phi = 90", "requirements.max.phi must be at most 3.142 rad, as it is mea"),
+    ("min.phi = -3.2", "requirements.min.phi must lie in -3.142 to 3.142, as it is measured"),
     ("max.y = 1", "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
     ("settling_time = 21", "requirements.settling_time must be at most 20 s, the duration, got 21"),
     ("recover_within = 1", "requirements.recover_within needs a disturbance to recover from"),
@@ -76,25 +76,30 @@ def test_rest_may_be_asked_for_until_the_first_disturbance_itself() -> None:
         assert found.met == met
 
 
-def test_disturbances_that_overlap_are_recovered_from_together() -> None:
-    ends = recoveries(10.0, PUSHES)
-    assert [pytest.approx(end) for end in ends] == [(2.6, 6.0), (6.0, 10.0)]
-    touching = (*PUSHES[:1], dataclasses.replace(PUSHES[1], start=2.5))
-    assert [pytest.approx(end) for end in recoveries(10.0, touching)] == [(2.7, 10.0)]
+def pulse(start: float, duration: float) -> afl.ForcePulse:
+    return afl.ForcePulse(force=5.0, start=start, duration=duration)
 
 
-@pytest.mark.parametrize("order", [1, -1])
-def test_a_disturbance_within_another_does_not_end_it(order: int) -> None:
-    long = afl.ForcePulse(force=5.0, start=1.0, duration=2.0)
-    short = afl.ForcePulse(force=5.0, start=1.5, duration=0.5)
-    for inner in (short, afl.Impulse(momentum=1.0, time=2.9)):
-        assert recoveries(10.0, (long, inner)[::order]) == [(3.0, 10.0)]
+@pytest.mark.parametrize(("disturbances", "expected"), [
+    (PUSHES, [(2.6, 6.0), (6.0, 10.0)]),
+    ((pulse(2.0, 0.5), pulse(2.5, 0.2)), [(2.7, 10.0)]),  # they touch
+    ((pulse(1.0, 2.0), pulse(1.5, 0.5)), [(3.0, 10.0)]),  # one within the other
+    ((pulse(1.0, 2.0), afl.Impulse(momentum=1.0, time=2.9)), [(3.0, 10.0)]),
+    ((pulse(1.0, 0.1), pulse(3.0, 0.2), pulse(3.1, 0.5), pulse(5.0, 0.1)),
+     [(1.1, 3.0), (3.6, 5.0), (5.1, 10.0)]),
+])  # fmt: skip
+def test_disturbances_that_overlap_are_recovered_from_together(disturbances, expected) -> None:
+    for given in (disturbances, disturbances[::-1]):
+        assert [pytest.approx(end) for end in recoveries(10.0, given)] == expected
 
 
-def test_overlapping_disturbances_are_recovered_from_together() -> None:
-    pulses = [
-        afl.ForcePulse(force=1.0, start=start, duration=length)
-        for start, length in ((1.0, 0.1), (3.0, 0.2), (3.1, 0.5), (5.0, 0.1))
-    ]
-    found = recoveries(8.0, pulses)
-    assert sum(found, ()) == pytest.approx((1.1, 3.0, 3.6, 5.0, 5.1, 8.0))
+@pytest.mark.parametrize(("asked", "judged"), [
+    ({"bands": {"phi": 0.0201}}, False), ({"target": {"z": 5.0}}, False),
+    ({"ends_at": {}}, False), ({"end_stops_allowed": True}, False), ({"completes": False}, True),
+    ({"max": {"z": 1.0}}, True), ({"settling_time": 1.0}, True),
+], ids=str)  # fmt: skip
+def test_what_only_says_how_rest_is_measured_asks_for_nothing(asked, judged: bool) -> None:
+    rail = afl.Imperfections(end_stops={"z": 1.0})
+    assert not afl.Scenario(name="own", imperfections=rail).judged
+    found = afl.Scenario(name="own", imperfections=rail, requirements=Requirements(**asked))
+    assert found.judged == judged

@@ -41,6 +41,13 @@ def judged(run, **asked):
     return {one.requirement: one for one in judge(scenario, run)}
 
 
+def test_the_least_angle_is_measured_modulo_a_turn_about_its_target() -> None:
+    for turns in (0, -1, 1):
+        run = made(phi=lambda t, turns=turns: -0.3 + 0.0 * t + 2.0 * math.pi * turns)
+        found = judged(run, min={"phi": -0.4}, ends_at={})["min.phi"]
+        assert (found.value, found.margin) == (pytest.approx(-0.3), pytest.approx(0.25))
+
+
 def test_every_requirement_is_judged_in_its_unit() -> None:
     run = made(
         z=lambda t: -1.5 * (t < 2.0) + 1.0 * ((t >= 4.5) & (t < 6.5)),

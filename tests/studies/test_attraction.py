@@ -13,6 +13,7 @@ from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.studies import attraction
 from afl_mujoco.studies.attraction import run
 from afl_mujoco.studies.shared.run import run_all
+from tests.plants.plants import known
 
 RIG = afl.Scenario(
     name="rig",
@@ -73,7 +74,9 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
 
 
-def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_called_so() -> None:
+def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_called_so(
+    monkeypatch,
+) -> None:
     asked = attraction.prepare(attraction.Options(grid=3, reach=(0.6, 1.0)))
     assert [*asked.angles, *asked.rates] == [-0.6, 0.0, 0.6, -1.0, 0.0, 1.0]
     for reach, said in (((1.6, 1.0), r"be below 1\.57 rad for phi, got 1\.6"), ((1.0,), "be two")):
@@ -84,6 +87,11 @@ def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_cal
     axes = (np.array([-0.5, 1.5]), np.array([-1.0, 1.0]))
     result = run(attraction.Request(aside, [LQR], ("z", "phi_dot"), *axes))
     assert "|z − 0.5| up to 1 m and |φ′| up to 1 rad/s" in attraction.report(result).headline
+    target = afl.Requirements(target={"shoulder": 6.2}, ends_at={})
+    far = afl.Scenario(name="far", plant=known("double_pendulum.py:plant"), requirements=target)
+    monkeypatch.setattr(attraction, "find_scenario", lambda name: far)
+    about = attraction.prepare(attraction.Options(axes=("shoulder", "elbow"), grid=3)).angles
+    assert about[1] == pytest.approx(6.2 - 2.0 * np.pi) and about.max() < np.pi
 
 
 def test_a_controller_that_fails_fails_there_only_and_a_fall_is_a_fall() -> None:

@@ -169,6 +169,6 @@ def test_a_seed_is_the_draw_that_compare_has_where_only_encoders_act() -> None:
     start = (0.0, 0.1, 0.0, 0.0)
     own = afl.Scenario(name="s", imperfections=rough, initial_state=start, duration=0.5)
     unit = robustness.SweepUnit("", afl.CONTROLLERS["lqr"], [own], robustness.Settings(seeds=3))
-    bare = [run.metrics["peak_phi"] for run in robustness.run_bare(unit)]
+    bare = [run.metrics["peak_phi"] for run in robustness.run_on(unit, {})]
     expected = [afl.simulate_mujoco(x, "lqr").metrics["peak_phi"] for x in draws_of(own, 3)]
     assert bare == expected and len(set(bare)) == 3

@@ -52,6 +52,29 @@ def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_a
     assert worst["input_limit"] == robustness.KNOWN["input_limit"].harsh
 
 
+def test_levels_that_a_scenario_cannot_have_are_not_tried_and_the_reader_is_told() -> None:
+    aside = replace(CALM, initial_state=(0.3, 0.05, 0.0, 0.0), duration=0.15)
+    rail = swept(robustness.RAIL, scenarios=(aside,)).survives
+    assert rail.fails_at is None and 0.3 < rail.holds_at < 0.6  # 0.1 m is the harshest
+    late = swept("delay", scenarios=(aside,)).survives
+    assert late.fails_at is None and 0.03 < late.holds_at < 0.15
+    slow = replace(CALM, imperfections=Imperfections(delay=0.25))
+    asked = Request([LQR], (slow,), SETTINGS, ("delay", "noise")).require()
+    assert list(asked.names) == ["noise"]
+    shown = to_text(report(run(asked)).blocks)
+    assert "Not swept: transport delay: a scenario has it harsher than all that is tried" in shown
+    beyond = replace(CALM, initial_state=(1.5, 0.0, 0.0, 0.0))
+    with pytest.raises(afl.AflMujocoError, match=r"must leave one that can be swept \(initial_sta"):
+        Request([LQR], (beyond,), SETTINGS, (robustness.RAIL,)).require()
+
+
+def test_a_draw_starts_where_the_scenario_may() -> None:
+    rough = Imperfections(encoder_step={"z": 0.01, "phi": 0.1}, end_stops={"z": 1.0})
+    free = afl.Requirements(ends_at={})
+    edge = replace(CALM, initial_state=(-0.999, 6.28, 0, 0), imperfections=rough, requirements=free)
+    assert len({one.initial_state for one in draws_of(edge, 20)}) == 20
+
+
 def test_an_encoder_is_judged_by_draws_of_noise_and_start_within_its_own_steps() -> None:
     unit = robustness.SweepUnit("encoder_step", LQR, (CASE,), SETTINGS)
     runs = robustness.run_on(unit, {"encoder_step.phi": 0.02})

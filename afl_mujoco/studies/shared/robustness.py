@@ -25,7 +25,6 @@ from afl_mujoco.scenario.imperfections import (
     Imperfection,
     imperfections_of,
 )
-from afl_mujoco.scenario.requirements import NONE
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     acting,
@@ -188,6 +187,28 @@ def times_reference(imperfection: Imperfection, level: float) -> float:
     return round(1.0 / ratio if imperfection.less_is_worse else ratio, 9)  # 10 is 10
 
 
+def refused(
+    scenarios: Scenarios, one: Imperfection, level: float, timestep: float | None = None
+) -> str:
+    """Return why scenarios cannot have a level, as a delay beyond their end; "" if they can."""
+    from afl_mujoco.scenario.time_steps import ticks_of
+
+    try:
+        for scenario in scenarios:
+            ticks_of(on_hardware(scenario, hardware_at(one, level, scenario.plant)), timestep)
+    except InvalidValueError as error:
+        return str(error)
+    return ""
+
+
+def left_out(scenarios: Scenarios, one: Imperfection, timestep: float | None = None) -> str:
+    """Return why an imperfection cannot be swept on top of what scenarios have; "" if it can."""
+    own = referred(one, scenarios)
+    if times_reference(own, one.harsh) <= 1.0:
+        return "a scenario has it harsher than all that is tried"
+    return refused(scenarios, own, own.reference, timestep)
+
+
 # --- sweeps -------------------------------------------------------------------------------------
 
 
@@ -239,7 +260,7 @@ def survived(runs: Sequence[Run]) -> bool:
 
 def all_settled(runs: Sequence[Run], scenarios: Scenarios) -> bool:
     """Return whether every run survived and, where its scenario has no requirements, settled."""
-    judged = {scenario.name for scenario in scenarios if scenario.requirements != NONE}
+    judged = {scenario.name for scenario in scenarios if scenario.judged}
     return survived(runs) and all(run.settled or run.scenario in judged for run in runs)
 
 
@@ -252,11 +273,6 @@ def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
     return tuple(run for each in draws for run in numbered(itertools.islice(runs, len(each))))
 
 
-def run_bare(unit: SweepUnit) -> tuple[Run, ...]:
-    """Run a controller with nothing added to the scenarios."""
-    return run_on(unit, {})
-
-
 def sweep(unit: SweepUnit) -> Swept:
     """Find the levels up to which a controller survives an imperfection, and settles under it."""
     name, _, scenarios, settings = unit
@@ -267,18 +283,20 @@ def sweep(unit: SweepUnit) -> Swept:
     def at(level: float) -> tuple[Run, ...]:
         return run_on(unit, hardware_at(one, level, plant))
 
+    scan = scan_levels(one.benign, one.harsh, settings.scan)
+    scan = [x for x in map(one.snapped, scan) if not refused(scenarios, one, x, settings.timestep)]
+
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:
-        scan = scan_levels(one.benign, one.harsh, settings.scan)
         return find_threshold(holds, scan, settings.tolerance, one.snapped, closer=closer)
 
     def harshness(found: Threshold) -> float:
         return math.inf if found.fails_at is None else times_reference(one, found.fails_at)
 
     if one.of_belief:  # nothing is to be found where it does not change a bit of any run
-        runs = [(a, b) for x in (one.reference, one.harsh)
-                for a, b in zip(run_bare(unit), at(x), strict=True)]  # fmt: skip
+        runs = [(a, b) for x in (one.reference, scan[-1])
+                for a, b in zip(run_on(unit, {}), at(x), strict=True)]  # fmt: skip
         if all(a.metrics == b.metrics and a.time == b.time and not b.message for a, b in runs):
-            holds = Threshold(holds_at=one.harsh, fails_at=None)
+            holds = Threshold(holds_at=scan[-1], fails_at=None)
             return Swept(at(one.reference), holds, holds, (), False)
     survives = threshold(lambda level: survived(at(level)), settings.scan)
     settles = threshold(lambda level: all_settled(at(level), scenarios))
