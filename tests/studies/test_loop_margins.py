@@ -133,6 +133,24 @@ def test_a_held_loop_grows_beyond_its_delay_margin_where_no_phase_says_so(
     assert grows(loop, period, 1.05 * delay)
 
 
+def test_whole_periods_of_delay_turn_a_loop_and_change_nothing_else():
+    """Thirty and sixty of them: polynomials of that order say nothing of it."""
+    loop = linearize(afl.CONTROLLERS["lqr"], NOMINAL)
+    at_once = loop_margins(loop, 1e-3)
+    for delay in (0.03, 0.04):
+        late = afl.Imperfections(delay=delay)
+        found = loop_margins(loop, 1e-3, late)
+        assert found.crossover == pytest.approx(at_once.crossover, rel=1e-9)
+        turned = math.degrees(at_once.crossover * delay)
+        assert found.phase == pytest.approx(at_once.phase - turned, abs=1e-6)
+        assert found.delay == pytest.approx(at_once.delay - delay, abs=1e-9)
+        for gain in (found.gain_decrease, found.gain_increase):
+            for share in (1.0 - 1e-6, 1.0 + 1e-6):
+                changed = replace(loop, k=gain * share * loop.k)
+                stable = under_test.stable_as_held(changed, 1e-3, late)
+                assert stable == ((gain > 1.0) == (share < 1.0))
+
+
 def test_a_loop_that_is_not_stable_has_no_margins():
     assert loop_margins(unstable_lag(0.9)) is None
     assert loop_margins(unstable_lag(2.5), 1.0) is None  # held too long

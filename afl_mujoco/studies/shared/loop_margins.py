@@ -1,8 +1,9 @@
 """A loop at its target, linearised by finite differences in MuJoCo, and its stability margins.
 
-The margins are of the loop broken where one input enters the plant, the other inputs closed, and
-come from python-control. Added here are the choice of the worst of several crossovers and the
-sampled loop, which is transformed into a continuous loop with the same margins.
+The margins are of the loop L broken where one input enters the plant, the other inputs closed, at
+the frequencies where abs(L) = 1 or L is real. These are found between frequencies that surround
+every pole and zero closely, from the states and never from polynomials, which overflow (those of
+python-control do, at a delay of thirty periods); whole periods of delay turn L and add no states.
 """
 
 from __future__ import annotations
@@ -10,10 +11,9 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,6 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.values import require_positive
-
-if TYPE_CHECKING:
-    from control import StateSpace
 
 Array = NDArray[np.float64]
 
@@ -50,11 +47,10 @@ NOTHING = 1e-9  # share of the largest slope that is the rounding of 0
 NO_GAIN = 1e-9
 """Factors of the gain below it, and above its inverse, are rounding errors of 0 and infinity."""
 
-COARSE, FINE = 80, 40
-"""Numbers of frequencies at which the disk margin is sought: overall, then near the minimum."""
-
-PEAK = np.linspace(-3.0, 3.0, 25)
-"""Where it is sought beside a pole, as shares of the pole's damping."""
+GRID = 2000  # frequencies, even in their logarithm, at which a response is looked at
+TURNS = 16  # frequencies for each turn that a delay adds up to Nyquist's
+BESIDE = 10.0 ** np.linspace(-9.0, -0.5, 35)
+"""How far others are from that of each pole and zero, as shares of it."""
 
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
@@ -200,8 +196,6 @@ def loop_margins(
     itself, half a period, is no longer part of the margin; of the imperfections count then the
     delays of the inputs, on top of which the margin comes, and how velocities are measured.
     """
-    import control
-
     period, r = control_period, imperfections
     measured = period is not None and (r.differentiated or r.velocity_filter)
     several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
@@ -214,14 +208,15 @@ def loop_margins(
     if period is None:
         if not loop.stable:
             return None
-        parts = _broken(loop.a, loop.b, loop.k)
-        return [_margins(control.ss(*x, 0.0)) for x in parts]
+        return [_margins(Broken(*x)) for x in _broken(loop.a, loop.b, loop.k)]
     require_positive("control_period", period)
     if not stable_as_held(loop, period, r):
         return None
     found = []
-    for i, part in enumerate(_broken(*_held(loop, period, r))):
-        one = _margins(_bilinear(*part, period), period)
+    for i, name in enumerate(loop.inputs):
+        whole = math.floor(r.of_input("delay", name) / period + SNAP)
+        late = _held(loop, period, r, i, -whole * period)
+        one = _margins(Broken(*_broken(*late)[i], period, whole))
         found.append(replace(one, delay=_exact_delay(loop, period, r, i, one.delay)))
     return found
 
@@ -346,55 +341,102 @@ def _grown(both: bytes, order: int, length: float) -> Array:
     return np.asarray(expm(length * grown)[:order])
 
 
-def _bilinear(a: Array, b: Array, k: Array, period: float) -> StateSpace:
-    """Return a sampled loop as a function of w, where ``z = (1 + w T/2) / (1 - w T/2)``.
+class Broken(NamedTuple):
+    """A loop broken at one input, of rates or from sample to sample, and whole periods late."""
 
-    The unit circle becomes the imaginary axis, so gain, phase and disk margins are those of a
-    continuous loop, at frequencies ``(2/T) tan(omega T/2)``.
-    """
-    import control
+    a: Array
+    b: Array
+    k: Array
+    period: float | None = None  # [s]
+    whole: int = 0
 
-    half = 0.5 * period
-    inverse = np.linalg.inv(np.eye(len(a)) + a)
-    a_w = inverse @ (a - np.eye(len(a))) / half
-    b_w = inverse @ b / half
-    return control.ss(a_w, b_w - half * (a_w @ b_w), k, -half * (k @ b_w))
+    def response(self, omega: Array) -> NDArray[np.complex128]:
+        """Return L at frequencies [rad/s]."""
+        p = 1j * omega if self.period is None else np.exp(1j * omega * self.period)
+        found, each = np.empty(len(p), dtype=np.complex128), max(1, 4_000_000 // self.a.size)
+        for i in range(0, len(p), each):  # as many matrices at a time as fit the memory
+            matrices = p[i : i + each, None, None] * np.eye(len(self.a)) - self.a
+            try:
+                states = np.linalg.solve(matrices, self.b)
+            except np.linalg.LinAlgError:  # at a pole: beside it
+                states = np.linalg.solve(
+                    matrices + 1e-15 * np.abs(matrices).max() * np.eye(len(self.a)), self.b
+                )
+            found[i : i + each] = (self.k @ states)[:, 0, 0]
+        return np.asarray(found / p**self.whole)
+
+    def frequencies(self) -> Array:
+        """Return frequencies between which a response has one crossing at most, ascending."""
+        from scipy.linalg import eigvals
+
+        order = len(self.a)
+        edge = np.block([[self.a, self.b], [self.k, np.zeros((1, 1))]])
+        zeros = eigvals(edge, np.diag([1.0] * order + [0.0]))
+        closed = self.a - self.b @ self.k
+        known = np.concatenate([zeros, np.linalg.eigvals(self.a), np.linalg.eigvals(closed)])
+        known = known[np.isfinite(known) & (np.abs(known) > NOTHING)]
+        highest = np.inf
+        if self.period is not None:
+            known, highest = np.log(known.astype(complex)) / self.period, np.pi / self.period
+        sizes = np.abs(known)[np.abs(known) > NOTHING]
+        least, most = sizes.min() / BEYOND, min(sizes.max() * BEYOND, highest)
+        places = np.abs(known.imag)[:, None] * (1.0 + np.concatenate([-1.3 * BESIDE, BESIDE]))
+        found = [places.ravel(), np.geomspace(least, most * (1.0 - NOTHING), GRID)]
+        if self.period is not None:
+            found.append(np.linspace(0.0, most, TURNS * (self.whole + order) + 2)[1:-1])
+        omega = np.unique(np.concatenate(found))
+        omega = omega[(omega > 0.0) & (omega < highest)]
+        return np.unique(np.concatenate([omega, 0.5 * (omega[1:] + omega[:-1])]))
+
+    def ends(self) -> Array:
+        """Return the frequencies at which L is real anyway, where it has a value."""
+        ends = np.array([0.0] if self.period is None else [0.0, np.pi / self.period])
+        p = ends if self.period is None else np.array([1.0, -1.0])
+        near = np.abs(np.linalg.eigvals(self.a)[:, None] - p).min(axis=0)
+        return np.asarray(ends[near > NOTHING])
 
 
-def _margins(system: StateSpace, period: float | None = None) -> Margins:
-    """Return the margins of a stable loop; of a sampled one it is a function of w."""
-    import control
+def _margins(loop: Broken) -> Margins:
+    """Return the margins of a stable loop."""
+    from scipy.optimize import brentq, minimize_scalar
 
-    gains, phases, _, _, crossovers, _ = control.stability_margins(system, returnall=True)
-    if period is not None:
-        at_nyquist = float(system.D[0, 0])  # w is infinite there: no crossover, but L is real
-        gains = np.append(gains, -1.0 / at_nyquist) if at_nyquist < 0.0 else gains
-        crossovers = 2.0 / period * np.arctan(0.5 * period * crossovers)
-    gains = gains[(gains > NO_GAIN) & (gains < 1.0 / NO_GAIN)]
-    delays = np.radians(np.mod(phases, 360.0)) / crossovers
-    worst = int(np.argmin(delays)) if len(delays) else None
-    with warnings.catch_warnings():  # python-control 0.10 does what NumPy 2.5 deprecates
-        warnings.filterwarnings("ignore", "Setting the shape", DeprecationWarning)
-        disk = _disk(system)
+    def crossings(of: Callable[[Any], Any]) -> Array:
+        signs = np.sign(of(response))
+        pairs = np.flatnonzero(signs[1:] * signs[:-1] <= 0.0)
+        at = functools.partial(_at, loop, of)
+        found = [brentq(at, omega[i], omega[i + 1], xtol=1e-300, rtol=1e-14) for i in pairs]
+        return np.unique(found)
+
+    with np.errstate(all="ignore"):
+        omega, ends = loop.frequencies(), loop.ends()
+        response = loop.response(omega)
+        crossovers = crossings(lambda x: np.log(np.abs(x)))
+        crossed = loop.response(np.concatenate([ends, crossings(np.imag)]))
+        real = crossed.real[np.abs(crossed.imag) <= NO_GAIN * np.abs(crossed)]  # not through a pole
+        gains = -1.0 / real[real < 0.0]
+        gains = gains[(gains > NO_GAIN) & (gains < 1.0 / NO_GAIN)]
+        phases = np.angle(-loop.response(crossovers))
+        delays = np.mod(phases, 2.0 * np.pi) / crossovers
+        worst = int(np.argmin(delays)) if len(delays) else None
+        sizes = _disk(response)
+        least = int(np.argmin(sizes))
+        near = omega[max(least - 1, 0)], omega[min(least + 1, len(omega) - 1)]
+        at = functools.partial(_at, loop, _disk)
+        disks = [sizes[least], *_disk(loop.response(ends)), minimize_scalar(at, bounds=near).fun]
     return Margins(
         gain_decrease=float(np.max(gains[gains < 1.0], initial=0.0)),
         gain_increase=float(np.min(gains[gains > 1.0], initial=np.inf)),
-        phase=float(np.min(np.abs(phases), initial=np.inf)),
+        phase=float(np.degrees(np.min(np.abs(phases), initial=np.inf))),
         delay=np.inf if worst is None else float(delays[worst]),
         crossover=np.inf if worst is None else float(crossovers[worst]),
-        disk=disk,
+        disk=float(min(disks)),
     )
 
 
-def _disk(system: StateSpace) -> float:
-    import control
+def _at(loop: Broken, of: Callable[[Any], Any], omega: float) -> float:
+    return float(of(loop.response(np.array([omega])))[0])
 
-    poles = control.poles(control.feedback(system))
-    closed = np.abs(poles)
-    omega = np.geomspace(closed.min() / BEYOND, closed.max() * BEYOND, COARSE)
-    # a pole that is hardly damped has a peak as narrow as its damping
-    beside = np.abs(poles.imag)[:, None] + np.abs(poles.real)[:, None] * PEAK
-    omega = np.unique(np.concatenate([omega, beside[beside > 0.0]]))
-    least = int(np.argmin(control.disk_margins(system, omega, returnall=True)[0]))
-    near = omega[max(least - 1, 0)], omega[min(least + 1, len(omega) - 1)]
-    return float(control.disk_margins(system, np.linspace(*near, FINE))[0])
+
+def _disk(response: NDArray[np.complex128]) -> Array:
+    """Return the inverse of the size of (S - T)/2, of L = -1 + d the size of d."""
+    return np.asarray(2.0 * np.abs(1.0 + response) / np.abs(1.0 - response))

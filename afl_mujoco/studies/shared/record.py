@@ -43,7 +43,7 @@ from afl_mujoco.report.figures import write_figure
 from afl_mujoco.studies.shared.arrays import packed, unpacked
 from afl_mujoco.studies.shared.contract import Progress, Study, compute, silent, studies
 
-PACKAGES = ("afl_mujoco", "control", "dm_control", "mujoco", "numpy", "scipy", "numba")
+PACKAGES = ("afl_mujoco", "dm_control", "mujoco", "numpy", "scipy", "numba")
 """Packages whose versions are recorded."""
 
 PAGE = "report.html"
