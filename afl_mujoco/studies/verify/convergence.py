@@ -16,7 +16,7 @@ from afl_mujoco.plants.cartpole_equations import acceleration
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Impulse
+from afl_mujoco.scenario.schedules import Impulse, Schedule
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
@@ -48,13 +48,27 @@ class Study:
 
 
 def studied(scenario: Scenario) -> Scenario:
-    """Return the scenario cut to half a second after its last breakpoint, at least 2 s."""
+    """Return the scenario cut to half a second after its last breakpoint, at least 2 s.
+
+    Knots of its schedules are moved to the nearest of the longest steps: inside a step a jump acts
+    at its nearest end, an error that no order describes.
+    """
+    moved = {name: _on_steps(one) for name, one in scenario.schedule.items()}
+    scenario = replace(scenario, schedule=moved)
     last = max((*scenario.breakpoints, 1.5))
     duration = np.ceil((last + AFTERMATH) / STEPS[0] - 1e-9) * STEPS[0]
     if duration >= scenario.duration:
         return scenario
     asked = replace(scenario.requirements, settling_time=None, recover_within=None)
     return replace(scenario, duration=float(duration), requirements=asked)
+
+
+def _on_steps(one: Schedule) -> Schedule:
+    """Return a schedule with its knots on `SCHEDULE_STEPS`, as it is where some would meet."""
+    times = np.round(np.array(one.times) / SCHEDULE_STEPS[0]) * SCHEDULE_STEPS[0]
+    if ((np.diff(times) > 0.0) != (np.diff(one.times) > 0.0)).any():
+        return one
+    return replace(one, times=tuple(times.tolist()))
 
 
 def difference(run: Trajectory, reference: Trajectory) -> float:

@@ -15,7 +15,7 @@ from tests.feedback import feedback
 
 PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
 SHORT = dataclasses.replace(
-    afl.SCENARIOS["step-trapezoid"].with_schedule(cart_mass=afl.staircase((0.3,), (0.5, 1.0))),
+    afl.SCENARIOS["step-trapezoid"].with_schedule(cart_mass=afl.staircase((0.305,), (0.5, 1.0))),
     duration=2.0,
     disturbances=(PULSE, afl.Impulse(momentum=0.3, time=0.7)),
 )
