@@ -24,7 +24,7 @@ from afl_mujoco.identification.least_squares import (
     intervals,
     with_uncertainty_of,
 )
-from afl_mujoco.identification.log import LEAST, Log, Windows, cut
+from afl_mujoco.identification.log import LEAST, Log, Windows, cut, stride_of
 from afl_mujoco.identification.prediction import explained
 
 Array = NDArray[np.float64]
@@ -46,6 +46,11 @@ acts as its mean."""
 DIFFERENT, SURELY = 0.1, 6.0
 """Relative difference between two logs, and the same in standard errors, from which they are of
 different cart-poles."""
+
+NOISY = 2.0
+"""Compliance from which one shows, in squares of the time between rows over pi. With one of 1 what
+is fastest in a position cancels, so that its noise drives the pole least: any noise pulls the
+estimate to there, however little of a compliance there is."""
 
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
 
@@ -171,6 +176,11 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     )
     found = fit_to_scatter(problem, parameters, starts)
     _require_determined(found)
+    if not _compliant(found, w):
+        at = zip(parameters, found.values.tolist(), strict=True)
+        without = [one._replace(start=0.0, low=0.0, high=0.0) if one.name == "compliance"
+                   else one._replace(start=x) for one, x in at]  # fmt: skip
+        found = fit_to_scatter(problem, without, found.starts)
     _require_one_rig(problem, found, "gravity_term", w)
     w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
     expected = parameters[0].start
@@ -186,6 +196,13 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     whole = w.starts.copy()
     whole[:, [1, 3]] = found.starts
     return found, whole
+
+
+def _compliant(found: Fit, windows: Windows) -> bool:
+    """Return whether a compliance shows beyond what noise of the position does to it."""
+    one = found.estimates["compliance"]
+    spacing = max(log.period * stride_of(log.period) for log in windows.logs)
+    return one.high < 0.0 or one.low > NOISY * (spacing / np.pi) ** 2
 
 
 def _require_determined(found: Fit) -> None:

@@ -41,6 +41,20 @@ def test_known_parameters_are_found_within_their_intervals(logs, tmp_path) -> No
     assert found.find("lag").on_bound
 
 
+@pytest.mark.parametrize("noise", [3e-4, 1e-3])
+def test_noise_of_the_position_is_no_compliance(noise: float, rng) -> None:
+    some = []
+    for i in range(6):
+        columns = swing(TRUTH, i, 3.0)
+        columns["z"] += noise * rng.standard_normal(len(columns["z"]))
+        some.append(log_of(f"log-{i}", columns, TRUTH.description))
+    found, _ = identify_pole(cut(some, 0.5, 0.5), TRUTH.description)
+    assert found.estimates["compliance"].on_bound and found.by_name["compliance"] == 0.0
+    for name in ("coupling", "damping", "skew"):
+        one = found.estimates[name]
+        assert one.low < TRUTH.expected[name] < one.high, name
+
+
 def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
     still = [replace(log, command=np.zeros_like(log.command)) for log in logs[:3]]
     found = identify(still, TRUTH.description)
@@ -76,6 +90,7 @@ def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
     assert found.by_name["gravity_term"] == pytest.approx(37.25, rel=0.015)
     assert found.by_name["coupling"] == pytest.approx(1.0, abs=0.03)
     assert found.by_name["angle_scale"] == pytest.approx(4096.0 / 4271.34, rel=0.005)
+    assert found.estimates["compliance"].high < 0.0  # of its belt
     shipped = load_estimates()
     for name in ("gravity_term", "coupling", "angle_scale"):
         one = found.estimates[name]
