@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import importlib.util
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -408,6 +408,20 @@ class Plant:
                     least, most = sorted(x / share for x in given)
                     found[i] = max(found[i, 0], least), min(found[i, 1], most)
         return found
+
+    @property
+    def limited_joints(self) -> list[str]:
+        """The joints that limit what drives exert, by the MJCF."""
+        joints, off = _Mjcf(self.model).joints, "actuatorfrclimited"
+        given = {name: one for name, one in joints.items() if one.get("actuatorfrcrange")}
+        return [name for name, one in given.items() if one.get(off) != "false"]
+
+
+def require_seen_limits(joints: Iterable[str]) -> None:
+    """Raise for a joint that limits what drives exert, of which no record of an input knows."""
+    for name in joints:
+        rule = "would limit inputs unseen: give the actuator a ctrlrange or a forcerange"
+        raise InvalidValueError(f"<joint {name!r} actuatorfrcrange>", rule)
 
 
 class _Mjcf:

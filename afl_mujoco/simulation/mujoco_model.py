@@ -23,7 +23,7 @@ from afl_mujoco.plants.library import (
     mujoco,
     write_row,
 )
-from afl_mujoco.plants.plant import Floats, Plant
+from afl_mujoco.plants.plant import Floats, Plant, require_seen_limits
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -241,9 +241,8 @@ class SimulatedModel:
         self.mj_model, model = self.writer.mj_model, self.writer.mj_model
         # the drives keep within the limits of the inputs, and say that they do
         model.actuator_ctrllimited[:] = model.actuator_forcelimited[:] = 0
-        for joint in np.flatnonzero(model.jnt_actfrclimited).tolist():
-            rule = "would limit inputs unseen: give the actuator a ctrlrange or a forcerange"
-            raise InvalidValueError(f"<joint {model.joint(joint).name!r} actuatorfrcrange>", rule)
+        limited = np.flatnonzero(model.jnt_actfrclimited).tolist()
+        require_seen_limits(model.joint(joint).name for joint in limited)
         self._compiled = {name: getattr(model, name).copy() for name in PASSIVE}
         self.drive(self.writer.mj_data)
         if imperfections != IDEAL:

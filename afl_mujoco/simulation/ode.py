@@ -20,7 +20,7 @@ from afl_mujoco.plants.cartpole_equations import (
     velocity_jump,
 )
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
-from afl_mujoco.plants.plant import Floats
+from afl_mujoco.plants.plant import Floats, require_seen_limits
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario, Segment
@@ -290,6 +290,7 @@ class Loop:
                 along_z(segment.push)  # raises if it acts elsewhere
         else:
             require_equations(scenario)
+            require_seen_limits(plant.limited_joints)
             self.equations = load_equations(plant, _points(scenario))
             kind, size = TERMS if plant.terms else ACCELERATIONS, self.equations.size
             address = self.equations.callback.address
