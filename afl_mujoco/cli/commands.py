@@ -23,7 +23,7 @@ from afl_mujoco.cli.terminal import (
     study_progress,
     typed,
 )
-from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, chosen
+from afl_mujoco.control.names import KNOWN, PAPER, SUBJECT, find_controllers
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError
 from afl_mujoco.studies.shared.contract import ScenarioNames, named_controllers
 
@@ -43,9 +43,9 @@ ControllerName = Annotated[str | None, tyro.conf.arg(help=f"Controller by name: 
 Name = Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SCENARIO")]
 
 
-def _subject(name: str | None, scenario: Scenario) -> str:
+def _subject(name: str | None, scenario: Scenario) -> Controller:
     """Return the controller that is asked for, by default one that the plant can have."""
-    (found,) = chosen([] if name is None else [name], [scenario], (SUBJECT,))
+    (found,) = find_controllers([] if name is None else [name], [scenario], (SUBJECT,))
     return found
 
 
@@ -92,7 +92,6 @@ class Render(_Deployed):
 
     def run(self) -> int:
         """Make the films."""
-        from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.files import output_folder
         from afl_mujoco.graphics import require_backend
         from afl_mujoco.scenario.catalogue import SCENARIOS
@@ -100,9 +99,7 @@ class Render(_Deployed):
 
         # What is quick to check comes before what is slow to import, the backend before MuJoCo.
         scenarios = [find_scenario(name) for name in self.scenarios or SCENARIOS]
-        controllers = [
-            find_controller(name) for name in chosen(separated(self.controllers), scenarios, PAPER)
-        ]
+        controllers = find_controllers(separated(self.controllers), scenarios, PAPER)
         if not (found := re.fullmatch(r"(\d{1,6})x(\d{1,6})", self.size)):
             raise InvalidValueError("size", "must be WIDTHxHEIGHT, such as 1280x720", self.size)
         require_backend()
@@ -139,12 +136,11 @@ class View(_Deployed):
 
     def run(self) -> int:
         """Run the simulation, then show it."""
-        from afl_mujoco.control.catalogue import find_controller
         from afl_mujoco.graphics import require_display
         from afl_mujoco.scenario.files import find_scenario
 
         scenario = find_scenario(self.scenario)
-        controller = find_controller(_subject(self.controller, scenario))
+        controller = _subject(self.controller, scenario)
         if not 0.0 < self.speed < float("inf"):
             raise InvalidValueError("speed", "must be positive and finite", self.speed)
         require_display()
@@ -321,14 +317,10 @@ class Simulate(_Deployed):
         scenario, replay = find_scenario(self.scenario), find_replay(self.scenario)
         if self.simulator not in SIMULATORS:
             raise UnknownNameError.among("simulator", self.simulator, SIMULATORS)
-
-        from afl_mujoco.control.catalogue import find_controller
-
         given = {one.name: getattr(self, one.name) for one in fields(Replay)}
         how = replace(replay, **{key: x for key, x in given.items() if x is not None})
-        name = _subject(how.controller, scenario)
-        how = replace(how, controller=name)
-        controller = find_controller(name)
+        controller = _subject(how.controller, scenario)
+        how = replace(how, controller=how.controller or controller.name)
         if self.log:
             from afl_mujoco.identification.export import require_loggable, write_run
 

@@ -29,9 +29,9 @@ from afl_mujoco.control.gains import (
     shipped_data,
 )
 from afl_mujoco.control.law import sliding_and_drift
-from afl_mujoco.control.names import ANGLE, ESTIMATED, INFORMED, PAPER
+from afl_mujoco.control.names import ANGLE, ESTIMATED, INFORMED, PAPER, require_known
 from afl_mujoco.control.own import PythonController, load_python_controller
-from afl_mujoco.errors import InvalidValueError, UnknownNameError
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import NOMINAL, CartPoleParameters, PlantRange
@@ -207,9 +207,7 @@ def find_controller(name: str) -> Controller:
         return load_python_controller(name)
     if (base := name.removesuffix(ESTIMATED)) != name and base in INFORMED:
         return EstimatedController(name=name, controller=CONTROLLERS[base])
-    if name not in CONTROLLERS:
-        others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
-        raise UnknownNameError.among("controller", name, (*CONTROLLERS, *others))
+    require_known(name)
     return CONTROLLERS[name]
 
 

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
+from afl_mujoco.errors import UnknownNameError
+
 if TYPE_CHECKING:
+    from afl_mujoco.control.controller import Controller
     from afl_mujoco.scenario.scenario import Scenario
 
 PAPER = ("fixed", "adaptive")  # the paper's two controllers, the default where results are for it
@@ -50,6 +53,28 @@ def chosen(
     """Return the controllers that are asked for, by default those that the plants can have."""
     paper = all(scenario.is_cart_pole for scenario in scenarios)
     return tuple(names or (default if paper else (REFERENCE,)))
+
+
+def require_known(name: str) -> None:
+    """Raise unless a name is that of a controller, with the estimator or not, or says a module."""
+    base = name.removesuffix(ESTIMATED)
+    if ":" not in name and name not in NAMES and not (base != name and base in INFORMED):
+        others = (f"({', '.join(INFORMED)}){ESTIMATED}", "module:attribute")
+        raise UnknownNameError.among("controller", name, (*NAMES, *others))
+
+
+def find_controllers(
+    names: Sequence[str],
+    scenarios: Sequence[Scenario],
+    default: Sequence[str] = (SUBJECT, REFERENCE),
+) -> list[Controller]:
+    """Return the controllers that are asked for; one that is not known before a slow import."""
+    asked = chosen(names, scenarios, default)
+    for name in asked:
+        require_known(name)
+    from afl_mujoco.control.catalogue import find_controller
+
+    return [find_controller(name) for name in asked]
 
 
 KNOWN = (

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import chosen
+from afl_mujoco.control.names import find_controllers
 from afl_mujoco.errors import InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report, fixed, percent, short
@@ -91,8 +91,6 @@ class Request(NamedTuple):
 
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
-    from afl_mujoco.control.catalogue import find_controller
-
     o = options
     scenario = find_scenario(o.scenario)
     count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
@@ -106,7 +104,7 @@ def prepare(options: Options) -> Request:
         if name not in states:
             raise UnknownNameError.among("axis", name, states)
     deployed = Deployed(timestep=o.timestep)
-    controllers = [find_controller(name) for name in chosen(o.controllers, [scenario])]
+    controllers = find_controllers(o.controllers, [scenario])
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
     for name in scenario.plant.wraps:  # the same place, within a turn from 0

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import chosen
+from afl_mujoco.control.names import find_controllers
 from afl_mujoco.control.plant_feedback import LinearFeedback
 from afl_mujoco.errors import AflMujocoError, UnknownNameError, require_count
 from afl_mujoco.report.blocks import Block, Figure, Report, Section, plain
@@ -109,9 +109,7 @@ def prepare(options: Options) -> Request:
 
         require_backend()  # before MuJoCo
 
-    from afl_mujoco.control.catalogue import find_controller
-
-    controllers = [find_controller(name) for name in chosen(o.controllers, scenarios)]
+    controllers = find_controllers(o.controllers, scenarios)
     deployed = Deployed(o.integrator, o.timestep, o.control_period)
     request = Request(scenarios, controllers, deployed, o.draws, o.film).require()
     if o.film:

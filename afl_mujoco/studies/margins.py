@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import INFORMED, chosen
+from afl_mujoco.control.names import INFORMED, find_controllers
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, require_count
 from afl_mujoco.report.blocks import (
     MISSING,
@@ -130,8 +130,6 @@ class Request(NamedTuple):
 
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
-    from afl_mujoco.control.catalogue import find_controller
-
     o = options
     scenario = PAPER if o.scenario is None else find_scenario(o.scenario)
     levels = o.levels if o.levels is not None else QUICK_LEVELS if o.quick else LEVELS
@@ -144,7 +142,7 @@ def prepare(options: Options) -> Request:
         raise InvalidValueError("levels", rule, f"{levels}, which makes {count}")
     own = scenario.imperfections.control_period
     period = o.control_period if o.control_period is not None else own or PERIOD
-    controllers = [find_controller(name) for name in chosen(o.controllers, [scenario], INFORMED)]
+    controllers = find_controllers(o.controllers, [scenario], INFORMED)
     return Request(scenario, controllers, axes, period).require()
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import chosen, subject_of
+from afl_mujoco.control.names import chosen, find_controllers, subject_of
 from afl_mujoco.errors import FileError
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
@@ -109,16 +109,14 @@ def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     o = options
     asked = find_scenario(o.scenario)
-    from afl_mujoco.control.catalogue import find_controller
-
     names, default = chosen(o.controllers, [asked]), QUICK if o.quick else (SAMPLES, GENERATIONS)
+    controllers = find_controllers(names, [asked])
     samples, generations = (
         usual if given is None else given
         for given, usual in zip((o.samples, o.generations), default, strict=True)
     )
     budget = Budget(generations=generations)
     space, deployed = SampleSpace(with_ranges(asked)), Deployed(timestep=o.timestep)
-    controllers = [find_controller(name) for name in names]
     require_samples(controllers, space, samples, o.seed, deployed)
     return Request(
         space=space, controllers=controllers, names=names, assumed=not asked.ranges,

@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import tyro
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import SWEPT, chosen, subject_of
+from afl_mujoco.control.names import SWEPT, find_controllers, subject_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.report.blocks import MISSING, Block, Report, listed, percent, plain, short
@@ -133,14 +133,12 @@ class Request(NamedTuple):
 
 def prepare(options: Options) -> Request:
     """Return what the options ask for."""
-    from afl_mujoco.control.catalogue import find_controller
-
     o = options
     usual = dict(zip(("seeds", "scan", "tolerance"), QUICK if o.quick else DEFAULT, strict=True))
     searched: Any = usual | {name: x for name in usual if (x := getattr(o, name)) is not None}
     settings = Settings(**searched, timestep=o.timestep)
     scenarios = tuple(find_scenario(name) for name in o.scenarios or ("step-step",))
-    controllers = [find_controller(name) for name in chosen(o.controllers, scenarios, SWEPT)]
+    controllers = find_controllers(o.controllers, scenarios, SWEPT)
     names = o.imperfections or tuple(known_of(scenarios[0].plant))
     return Request(controllers, scenarios, settings, names).require()
 

@@ -9,7 +9,7 @@ from operator import call
 from typing import Any, Literal, NamedTuple
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.control.names import PAPER, chosen
+from afl_mujoco.control.names import PAPER, find_controllers
 from afl_mujoco.scenario.catalogue import SCENARIOS, is_published
 from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.scenario import Scenario
@@ -90,11 +90,7 @@ class Request(NamedTuple):
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     scenarios = [find_scenario(name) for name in options.scenarios or SCENARIOS]
-
-    from afl_mujoco.control.catalogue import find_controller
-
-    names = chosen(options.controllers, scenarios, PAPER)
-    controllers = [find_controller(name) for name in names]
+    controllers = find_controllers(options.controllers, scenarios, PAPER)
     period = options.timestep if options.control_period is None else options.control_period
     settings = Settings(timestep=options.timestep, control_period=period, full=options.full)
     require_runnable(scenarios, controllers, settings)
