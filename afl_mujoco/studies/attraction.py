@@ -34,6 +34,7 @@ from afl_mujoco.studies.shared.contract import (
     Progress,
     ScenarioName,
     Study,
+    Timestep,
     silent,
 )
 from afl_mujoco.studies.shared.robustness import map_starts, require_runs
@@ -73,9 +74,7 @@ class Options:
     reach: tuple[float, ...] = ()
     """How far the two go from the target; by default 1.55 rad and 10 rad/s of the cart-pole, of
     another plant 20 times the band in which it is at rest."""
-    timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    timestep: Timestep = None
 
 
 class Request(NamedTuple):

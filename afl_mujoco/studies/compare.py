@@ -32,6 +32,7 @@ from afl_mujoco.studies.shared.contract import (
     Progress,
     ScenarioNames,
     Study,
+    Timestep,
     counted,
     silent,
 )  # fmt: skip
@@ -68,9 +69,7 @@ class Options:
     scenarios: ScenarioNames = ("step-step",)
     """Scenarios by name, or TOML files, with their imperfections and requirements."""
     controllers: ControllerNames = ()
-    timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    timestep: Timestep = None
     control_period: float | None = None
     """How long the force is held [s], a multiple of the timestep; by default that of the
     scenario's imperfections, else one step."""

@@ -7,7 +7,6 @@ import json
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +18,6 @@ from afl_mujoco.report.blocks import (
     MISSING,
     Block,
     Cell,
-    Figure,
     Matrix,
     Report,
     fixed,
@@ -39,7 +37,7 @@ from afl_mujoco.studies.shared.loop_margins import (
     linearize,
     loop_margins,
 )
-from afl_mujoco.studies.shared.tables import heat
+from afl_mujoco.studies.shared.tables import graded
 from afl_mujoco.values import require_distinct, require_positive
 
 PERIOD, LONGEST_PERIOD = 1e-3, 10.0
@@ -308,16 +306,9 @@ def report(result: Result) -> Report:
         blocks.append(plain(f"{said}that a linear loop cannot have: {left}."))
     if r.rows:
         plants, cells = _delays(r)
-        grades, texts = ([[one[k] for one in row] for row in cells.values()] for k in (0, 1))
-        blocks += [
-            Figure(
-                name="margins-delay",
-                title=f"Delay margin [ms], {held}",
-                caption="On the plants at the ends of the ranges.",
-                draw=partial(heat, [*cells], plants, grades, texts, GRADES),
-            ),
-            _table(r, held),
-        ]
+        title = f"Delay margin [ms] on the plants at the ends of the ranges, {held}"
+        figure, _ = graded("margins-delay", title, "", ["", *plants], cells, GRADES)
+        blocks += [figure, _table(r, held)]
     if r.not_linear:
         reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())
         blocks.append("\n".join(f"- {reason}" for reason in reasons))

@@ -27,6 +27,7 @@ from afl_mujoco.studies.shared.contract import (
     Progress,
     ScenarioName,
     Study,
+    Timestep,
     silent,
 )
 from afl_mujoco.studies.shared.robustness import (
@@ -82,9 +83,7 @@ class Options:
     """Number of generations of each search, 16 runs each; 30 by default."""
     quick: bool = False
     """100 samples and 5 generations, unless other numbers are given."""
-    timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    timestep: Timestep = None
 
 
 class Request(NamedTuple):

@@ -22,6 +22,7 @@ from afl_mujoco.studies.shared.contract import (
     Progress,
     ScenarioNames,
     Study,
+    Timestep,
     compute,
     named_controllers,
     silent,
@@ -95,9 +96,7 @@ class Options:
     """Relative width to which bisection narrows a threshold; 0.02 by default."""
     quick: bool = False
     """2 seeds, 7 levels and a tolerance of 0.2, unless given otherwise."""
-    timestep: float | None = None
-    """Physics step of MuJoCo [s]; by default the longest up to 0.001 that divides the control
-    period."""
+    timestep: Timestep = None
 
 
 class Request(NamedTuple):

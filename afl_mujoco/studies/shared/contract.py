@@ -70,8 +70,12 @@ def named_controllers(default: str) -> Any:
     return tyro.conf.arg(help=said)
 
 
+_LONGEST = "by default the longest up to 0.001 that divides the control period."
+Timestep = Annotated[float | None, tyro.conf.arg(help=f"Physics step of MuJoCo [s]; {_LONGEST}")]
+"""How long a physics step is at most."""
+
 ControllerNames = Annotated[tuple[str, ...], named_controllers(f"{SUBJECT} and {REFERENCE}")]
-"""Controllers by name, as `control.names.chosen` takes them."""
+"""Controllers by name, as `control.names.find_controllers` takes them."""
 
 
 class Interrupted(KeyboardInterrupt):

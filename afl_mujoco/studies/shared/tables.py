@@ -117,7 +117,7 @@ def graded(
         Figure(
             name=name,
             title=title,
-            draw=partial(heat, [*cells], columns[1:], grades, texts, words),
+            draw=partial(_heat, [*cells], columns[1:], grades, texts, words),
         ),
         Matrix(
             caption=f"{title}. {caption}",
@@ -128,7 +128,7 @@ def graded(
     ]  # fmt: skip
 
 
-def heat(*arguments: Any) -> Any:
+def _heat(*arguments: Any) -> Any:
     """Draw `report.figures.heat`, which is imported no earlier."""
     from afl_mujoco.report import figures
 
