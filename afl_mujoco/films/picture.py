@@ -222,7 +222,8 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
 def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[Axes], list[Line2D]]:
     """Draw coordinates, inputs with their limits, and parameters that change, in this order."""
     scenario = replays[0].plan
-    plant, changing = scenario.plant, replays[0].changing
+    longest = max(replays, key=lambda replay: replay.end)  # a run that ended keeps its parameters
+    plant, changing = scenario.plant, longest.changing
     names, first = (*plant.coordinates, *plant.inputs), len(plant.coordinates)
     labels = [labelled(name, plant.units[name]) for name in names]
     labels += [labelled(name, unit) for name, unit, _ in changing]

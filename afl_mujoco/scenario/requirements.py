@@ -194,7 +194,7 @@ class Requirements(Checked):
     ) -> None:
         """Raise if a run of this length [s] could not show whether a requirement is met."""
         until = calm(duration, disturbances)
-        if self.settling_time is not None and not self.settling_time <= until:
+        if self.settling_time is not None and not self.settling_time <= until + SNAP:
             what = "the duration" if until == duration else "the start of the first disturbance"
             rule = f"must be at most {until:g} s, {what}"
             raise InvalidValueError("requirements.settling_time", rule, f"{self.settling_time:g} s")
@@ -204,7 +204,7 @@ class Requirements(Checked):
             rule = "needs a disturbance to recover from"
             raise InvalidValueError("requirements.recover_within", rule)
         for end, until in recoveries(duration, disturbances):
-            if not self.recover_within <= until - end:
+            if not self.recover_within <= until - end + SNAP:
                 left = f"the time left after the disturbance that ends at {end:g} s"
                 rule = f"must be at most {until - end:g} s, {left}"
                 raise InvalidValueError(

@@ -262,7 +262,7 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         if limit is not None and most <= limit:
             asked = f"asks for all of {limit:g}{unit}"
         yield (
-            f"{drive} is at its limit for {100.0 * share:.0f} % of the run: the controller {asked}"
+            f"{drive} is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
         )
 
 

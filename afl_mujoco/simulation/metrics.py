@@ -11,12 +11,12 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import from_target
 from afl_mujoco.scenario.scenario import Scenario
+from afl_mujoco.scenario.time_steps import instants
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     LAYOUT,
     Layout,
     Trajectory,
-    controller_inputs,
 )
 
 Metrics = dict[str, float | None]
@@ -114,7 +114,11 @@ def metrics(scenario: Scenario, controller: Controller, run: Trajectory) -> Metr
     """Return every metric of a run except the objective, which needs `with_objective`."""
     if not scenario.is_cart_pole:
         return metrics_of(run)
-    inputs = controller_inputs(scenario, controller, run.time)
+    times, values = instants(run.time), scenario.values
+    if run.simulator.endswith("sampled"):  # as the controller is told the parameters
+        late = scenario.imperfections.parameter_delay
+        times, values = instants(np.maximum(run.time - late, 0.0)), scenario.told_values
+    inputs = controller.inputs_for(values(times))
     ratio, share = controller.saturation_ratio(run.state, inputs), None
     if ratio is not None:  # of the time in which the switching term is saturated
         saturated = (np.abs(ratio) >= 1.0).astype(float)

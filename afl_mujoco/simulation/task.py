@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import InvalidValueError, MissingPackageError, require_count
+from afl_mujoco.errors import InvalidValueError, MissingPackageError, require_count, told
 from afl_mujoco.graphics import choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.catalogue import with_ranges
@@ -156,6 +156,17 @@ def nearness(away: ArrayLike, bands: ArrayLike) -> Any:
     return (1.0 / (1.0 + (np.asarray(away) / bands) ** 2)).mean(axis=-1)
 
 
+def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
+    """Return an action as an array of a shape, or raise."""
+    try:
+        found = np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidValueError(thing, "must be numbers", told(given, repr)) from None
+    if found.shape != shape:
+        raise InvalidValueError(thing, f"must have shape {shape}", found.shape)
+    return found
+
+
 class Reward:
     """What an instant of a scenario is worth, and where an episode ends, for one state or many."""
 
@@ -167,9 +178,10 @@ class Reward:
 
     def of(self, states: Floats, inputs: Floats) -> Any:
         """Return the reward of finite states under inputs, shapes (N, 2 n) and (N, k)."""
+        away = self._layout.away(states)[:, : len(self._bands)]
         if self._is_cart_pole:
-            return reward(states[:, 0], states[:, 1], inputs[:, 0])
-        return nearness(self._layout.away(states)[:, : len(self._bands)], self._bands)
+            return reward(away[:, 0], away[:, 1], inputs[:, 0])
+        return nearness(away, self._bands)
 
     def ended(self, states: Floats, peaks: Floats) -> NDArray[np.bool_]:
         """Return whether a coordinate is as far from its target as ends a run.
@@ -183,7 +195,7 @@ class Reward:
 
 
 class Balance(control.Task):  # type: ignore[misc]
-    """Bring the coordinates to their targets, of the cart-pole upright and to z = 0.
+    """Bring the coordinates to their targets, of the cart-pole by default upright and z = 0.
 
     The observation is ``position`` and ``velocity``, of the cart-pole (z, phi) [m, rad] and (z_dot,
     phi_dot) [m/s, rad/s], as the sensors measure them, and ``parameters``, of the cart-pole (M, l)
@@ -247,9 +259,8 @@ class Balance(control.Task):  # type: ignore[misc]
 
     def before_step(self, action: ArrayLike, physics: Physics) -> None:
         """Hold the clipped action over the next physics steps; refuse one that is not finite."""
-        values, control = np.asarray(action, dtype=np.float64), physics.data.ptr.ctrl
-        if values.shape != control.shape:
-            raise InvalidValueError("action", f"must have shape {control.shape}", values.shape)
+        control = physics.data.ptr.ctrl
+        values = numbers_of("action", action, control.shape)
         for i, (low, high) in enumerate(physics.scenario.plant.limits.tolist()):
             force = require_finite("action", values[i])
             control[i] = min(max(force, -self._limit, low), self._limit, high)

@@ -314,7 +314,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
         drawn = draws_of(scenario, draws)
         runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
         rows += numbered(runs)
-        figures += [{} if run is None else metrics(one, controller, run)
+        ran = bound(controller, scenario)
+        figures += [{} if run is None else metrics(one, ran, run)
                     for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:

@@ -312,7 +312,7 @@ def _headline(result: Result, names: Sequence[str]) -> str:
 
 def _label(result: Result, one: Imperfection) -> str:
     """Return an imperfection with its reference, and what a level is where the scenario has one."""
-    own = [s.hardware(key) for s in result.scenarios for key in list(one.fields)[:1]]
+    own = [s.hardware(key) for s in result.scenarios for key in one.fields]
     kind = "" if not any(own) else ", added" if one.adds else ", total"
     return f"{one.title} ({_with_unit(one, level_text(one, one.reference))}{kind})"
 

@@ -13,7 +13,12 @@ import numpy as np
 from dm_env import TimeStep
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.errors import (
+    GraphicsError,
+    InvalidValueError,
+    UnknownNameError,
+    require_count,
+)
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
@@ -22,7 +27,7 @@ from afl_mujoco.scenario.sample_space import SampleSpace
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.drawing import LARGEST
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
-from afl_mujoco.simulation.task import Balance, load
+from afl_mujoco.simulation.task import Balance, load, numbers_of
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 require_gymnasium()
@@ -122,7 +127,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         ``"fixed"``, of another plant by default the first of its MJCF, else a free one.
     scale: Scales by which observations are divided, of the cart-pole [m, rad, m/s, rad/s, kg, m]:
         powers of two, so that nothing is rounded; those of parameters are not less than the largest
-        value that can occur.
+        true value that can occur.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (as the base class declares it)
@@ -208,9 +213,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         """Hold an action, shares of the inputs' limits, over one control period."""
         if not self._under_way:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        shares = np.asarray(action, dtype=np.float64)
-        if shares.shape != self.low.shape:
-            raise InvalidValueError("action", f"must have shape {self.low.shape}", shares.shape)
+        shares = numbers_of("action", action, self.low.shape)
         if not np.isfinite(shares).all():
             raise InvalidValueError("action", "must be finite", shares.tolist())
         step = self.dm_environment.step(self.inputs(shares))
@@ -243,7 +246,8 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         physics = self.dm_environment.physics
         control = physics.control()
         force = float(control[0]) if len(control) == 1 else control.copy()
-        known: dict[str, Any] = {"time": float(physics.time()), "force": force}
+        time = physics.world.time(physics.instant)
+        known: dict[str, Any] = {"time": time, "force": force}
         if self.randomize:
             known["sample"] = physics.scenario.name
         return known

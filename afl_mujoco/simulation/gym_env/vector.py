@@ -23,7 +23,7 @@ from afl_mujoco.simulation.gym_env.environment import (
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.episode import World
-from afl_mujoco.simulation.task import Physics, Reward
+from afl_mujoco.simulation.task import Physics, Reward, numbers_of
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
 
 require_gymnasium()
@@ -31,6 +31,8 @@ import gymnasium  # noqa: E402  (an optional package; its absence raised an erro
 from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
+
+MOST_ENVIRONMENTS = 100_000
 
 
 class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
@@ -45,8 +47,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     }
 
     def __init__(self, num_envs: int = 1, *, threads: int | None = None, **settings: Any) -> None:
-        if num_envs < 1:
-            raise InvalidValueError("num_envs", "must be at least 1", num_envs)
+        require_count("num_envs", num_envs, 1, MOST_ENVIRONMENTS)
         if settings.pop("render_mode", None) is not None:
             raise InvalidValueError("render_mode", "must be None: a ScenarioEnv draws pictures")
         self._first = first = ScenarioEnv(**settings)  # its settings are those of all
@@ -80,8 +81,8 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
     ) -> tuple[Floats, dict[str, Any]]:
         """Start an episode in every environment."""
         count = range(self.num_envs)
-        if seed is None or isinstance(seed, int):
-            seeds: list[int | None] = [None if seed is None else seed + i for i in count]
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds: list[int | None] = [None if seed is None else int(seed) + i for i in count]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
@@ -102,10 +103,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         """Hold an action, shares of the inputs' limits, in every environment."""
         if self._ended is None:
             raise gymnasium.error.ResetNeeded("reset must be called before step: no episode runs")
-        values = np.asarray(actions, dtype=np.float64)
-        if values.shape != self._forces.shape:
-            rule = f"must have shape {self._forces.shape}"
-            raise InvalidValueError("actions", rule, values.shape)
+        values = numbers_of("actions", actions, self._forces.shape)
         fresh = self._ended
         if not np.isfinite(values[~fresh]).all():
             raise InvalidValueError("actions", "must be finite", values.tolist())
@@ -165,8 +163,8 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def _information(self) -> dict[str, Any]:
         forces = self._forces[:, 0] if self._forces.shape[1] == 1 else self._forces
-        timestep = self._physics.world.timestep
-        known = {"time": self._instants * timestep, "force": forces.copy()}
+        worlds = zip(self._worlds, self._instants.tolist(), strict=True)
+        known = {"time": np.array([one.time(at) for one, at in worlds]), "force": forces.copy()}
         if self._first.randomize:
             names = [world.scenario.name for world in self._worlds]
             known["sample"] = np.array(names, dtype=object)

@@ -8,19 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.plants.library import mj_forward, mujoco, write_row
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import instants, last_step, step_times
-from afl_mujoco.simulation.mujoco_model import (
-    SimulatedModel,
-    read_numbers,
-    read_state,
-    write_state,
-)
+from afl_mujoco.scenario.time_steps import SNAP, instants, last_step, step_times
+from afl_mujoco.simulation.mujoco_model import SimulatedModel, read_numbers, read_state, write_state
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
     Sensors,
@@ -56,9 +51,9 @@ class Episode(NamedTuple):
 def _episode_of(model: SimulatedModel, scenario: Scenario, timestep: float, hold: int) -> Episode:
     """Return the sampled inputs of a scenario, whose imperfections the model has."""
     s, r = scenario, scenario.imperfections
-    count = len(step_times(s.duration, timestep)) - 1
+    times = step_times(s.duration, timestep)
+    count = len(times) - 1
     changing = min(math.ceil(last_change(s) / timestep) + 1, count)
-    times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     profile = input_profile(model, s, times[: min(changing + 1, count) + 1])
     until = min(changing + 1 + math.ceil(r.parameter_delay / timestep), count)
     at = instants(times[: until + 1])
@@ -105,6 +100,10 @@ def _advance(at, plan, profile, rows, which, actuators, run, pending, instant):
         return marks.step + 1
     write_row(at.structures, at.targets, rows[which[min(marks.step, len(which) - 1)]])
     mj_forward(at.model, at.data)
+    row = min(marks.step - 1, len(profile.beside) - 1)
+    for i in range(at.k):  # what acts beside a drive is not exerted by it
+        if profile.beside[row, i] != 0.0:
+            store(at.ctrl + 8 * i, load(at.ctrl + 8 * i) - profile.beside[row, i])
     return marks.step
 
 
@@ -151,10 +150,18 @@ class World:
         )  # fmt: skip
         return reached
 
+    def time(self, instant: int) -> float:
+        """Return the time of an instant [s]: that of the last is the scenario's duration."""
+        return min(instant * self.timestep, self.scenario.duration)
+
     def measured(self, instant: int) -> Floats:
         """Measure the state, shape (2 n,); filters and differences must see each tick once."""
-        tick = -(-instant // self.hold)  # the last control period may be shorter
-        sense(self.model.addresses, self.episode.sensors, self.run, tick)
+        tick, sensors = -(-instant // self.hold), self.episode.sensors
+        if instant == self.last:  # the last control period may be shorter
+            elapsed = self.scenario.duration - (tick - 1) * self.hold * self.timestep
+            if elapsed < (1.0 - SNAP) * sensors.period:
+                sensors = sensors_of(self.scenario, elapsed)
+        sense(self.model.addresses, sensors, self.run, tick)
         return self.run.measured.copy()
 
     def told(self, instant: int) -> Floats:

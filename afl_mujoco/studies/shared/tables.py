@@ -162,10 +162,9 @@ def requirements_matrix(
     needs = [known[name].metric for name in needed if name not in names]
     limited = [effort_names(plant.inputs, name)[-1] for name in plant.inputs]
     for name in [*needs, *limited]:
-        found = [[x for one in some if (x := one.get(name)) is not None]
-                 for some in metrics.values()]  # fmt: skip
-        if any(found):
-            medians = (short(median(x), 3) if x else MISSING for x in found)
+        found = [[one.get(name) for one in some] for some in metrics.values()]
+        if any(x is not None for some in found for x in some):
+            medians = (short(middle(some, math.inf), 3) for some in found)
             rows.append([titled(name, Layout.of(scenario)), *medians])
     several = any(len(runs) > 1 for runs in draws.values())
     return Matrix(
@@ -197,8 +196,9 @@ def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
         early = next((run for run in runs if run.outcome != COMPLETED), None)
         if early is None:
             return Cell(f"yes{share}", status)
-        at = "" if early.time is None else f" at {short(early.time, 3)} s"
-        return Cell(f"{how(early.outcome)}{at}{share}", status)
+        times = [run.time for run in runs if run.outcome != COMPLETED and run.time is not None]
+        at = f" at {short(median(times), 3)} s" if times else ""
+        return Cell(f"yes{share}, else " * bool(share) + f"{how(early.outcome)}{at}", status)
     value = middle([one.value for one in judged], math.inf)  # never comes after any time
     margin = middle([one.margin for one in judged], -math.inf)
     if value is None:
@@ -217,7 +217,10 @@ def metrics_matrix(
     digits: int = 3,
     layout: Layout = LAYOUT,
 ) -> Matrix:
-    """Return metrics by controllers; of several draws the medians, with the ranges in brackets."""
+    """Return metrics by controllers; of several draws the medians, with the ranges in brackets.
+
+    A draw without a number counts as infinite, and how many have one is said.
+    """
 
     def spread(values: Sequence[float | None]) -> str:
         known = [value for value in values if value is not None]
@@ -225,7 +228,9 @@ def metrics_matrix(
             return MISSING
         ends = (min(known), max(known)) if len(values) > 1 and min(known) < max(known) else ()
         text = " to ".join(short(end, digits) for end in ends)
-        return short(median(known), digits) + (f" ({text})" if text else "")
+        some = f"{len(known)} of {len(values)}" if len(known) < len(values) else ""
+        inside = "; ".join(filter(None, (text, some)))
+        return short(middle(values, math.inf), digits) + (f" ({inside})" if inside else "")
 
     rows = [
         [
