@@ -76,6 +76,12 @@ def test_rest_may_be_asked_for_until_the_first_disturbance_itself() -> None:
         assert found.met == met
 
 
+def test_all_the_time_that_is_left_may_be_asked_for_whatever_its_last_bit() -> None:
+    hits = (afl.ForcePulse(force=1.0, start=3.5, duration=0.1), afl.Impulse(momentum=1.0, time=4.5))
+    asked = Requirements(recover_within=0.9)  # 4.5 - 3.6 is less by a bit
+    assert afl.Scenario(name="own", disturbances=hits, requirements=asked).judged
+
+
 def pulse(start: float, duration: float) -> afl.ForcePulse:
     return afl.ForcePulse(force=5.0, start=start, duration=duration)
 

@@ -391,6 +391,25 @@ def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path
     assert scaled.scale.tolist() == [4, 4, 2, 2, 8, 8, 8, 8, 1.0, 2**-5, 2**-5, 0.5, 16.0]
 
 
+def test_what_is_told_is_what_drives_exert_and_when_the_episode_ended() -> None:
+    push = afl.ForcePulse(input="left", force=5.0, start=0.0, duration=0.053)
+    pushed = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges={}, duration=0.0535)
+    settings = {"scenario": replace(pushed, disturbances=(push,)), "control_period": 0.02}
+    environment, vector = ScenarioEnv(**settings), ScenarioVectorEnv(2, **settings)
+    environment.reset(), vector.reset()
+    for time in (0.02, 0.04, 0.0535):
+        *_, told = environment.step([0.05, 0.05])
+        *_, several = vector.step([[0.05, 0.05]] * 2)
+        assert told["force"] == pytest.approx(0.05 * environment.high, rel=1e-12)
+        np.testing.assert_array_equal(several["force"], [told["force"]] * 2)
+        assert told["time"] == pytest.approx(time) and (several["time"] == told["time"]).all()
+    with pytest.raises(InvalidValueError, match="num_envs must be a whole number"):
+        ScenarioVectorEnv(1.5)
+    vector.reset(seed=np.int64(4))
+    with pytest.raises(InvalidValueError, match=r"actions must be numbers, got \['a'\]"):
+        vector.step(["a"])
+
+
 def test_a_policy_of_any_plant_is_a_controller() -> None:
     scenario = replace(PLANTS["quadrotor"], imperfections=Imperfections(), ranges={})
     environment = ScenarioEnv(replace(scenario, initial_state={"x": 0.1}, duration=0.5))

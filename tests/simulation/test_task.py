@@ -13,9 +13,11 @@ from dm_env import test_utils
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError, UnknownNameError
-from afl_mujoco.simulation.task import controller_policy, reward
+from afl_mujoco.simulation.task import Reward, controller_policy, reward
 from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests.engine import episode
+
+CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)
 
 TIMESTEP = 1e-3
 
@@ -146,6 +148,33 @@ def test_a_pole_that_falls_past_the_duration_has_not_fallen(duration):
     assert step.discount == 1.0
 
 
+LATE = {
+    "a pulse": (afl.ForcePulse(force=100.0, start=0.1, duration=0.005),),
+    "an impulse": (afl.Impulse(momentum=0.3, time=0.103),),
+    "after the end": (),
+}
+
+
+@pytest.mark.parametrize("disturbances", LATE.values(), ids=LATE)
+def test_the_last_step_is_as_short_as_that_of_the_run(disturbances) -> None:
+    knots = ([0.0, 0.1, 0.107, 0.107], [1.0, 1.2, 1.4, 30.0])
+    scenario = replace(
+        CALM.with_schedule(cart_mass=afl.piecewise_linear(*knots)), duration=0.105,
+        disturbances=disturbances, imperfections=afl.Imperfections(differentiated=True),
+    )  # fmt: skip
+    run = afl.simulate_mujoco(scenario, lambda *_: 2.0, timestep=0.01, control_period=0.02)
+    environment = afl.load(scenario, timestep=0.01, control_period=0.02)
+    step = environment.reset()
+    while not step.last():
+        step = environment.step([2.0])
+    world = environment.physics.world
+    np.testing.assert_array_equal(world.state, run.state[-1])
+    assert world.time(environment.physics.instant) == 0.105
+    assert step.observation["parameters"][0] == scenario.cart_mass.at(0.105)
+    gone = (run.state[-1, :2] - run.state[10, :2]) / 0.005  # since the last tick, at 0.1 s
+    np.testing.assert_allclose(step.observation["velocity"], gone, rtol=1e-9)
+
+
 def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
     environment = afl.load(force_limit=5.0)
     environment.reset()
@@ -162,6 +191,13 @@ def test_an_action_that_is_no_force_is_refused(action):
     environment.reset()
     with pytest.raises(InvalidValueError, match=r"^action must"):
         environment.step(action)
+
+
+def test_a_pole_that_comes_round_is_upright() -> None:
+    free = replace(CALM, requirements=afl.Requirements(ends_at={}, target={"z": 1.0}))
+    states = np.array([[1.0, 0.01 + turn, 0.0, 0.0] for turn in (0.0, 2 * np.pi, -2 * np.pi)])
+    found = Reward(free).of(states, np.zeros((3, 1)))
+    np.testing.assert_allclose(found, reward(0.0, 0.01, 0.0), rtol=1e-12)
 
 
 def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
@@ -216,9 +252,6 @@ def test_without_dm_control_or_gymnasium_one_line_says_what_installs_it() -> Non
     lines = ("try: register()", SAYS, f"try: import {package}.environment", SAYS)
     said = run_without("gymnasium", f"from {package}.registration import register", *lines)
     assert said == ["Gymnasium is not installed: pip install gymnasium"] * 2
-
-
-CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)
 
 
 def _pole_pixels(picture: np.ndarray) -> np.ndarray:

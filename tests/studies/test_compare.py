@@ -11,6 +11,7 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
+from afl_mujoco.studies.shared.tables import metrics_matrix
 from tests.plants.plants import known
 
 RIG = """
@@ -238,3 +239,18 @@ def test_the_figure_draws_every_limit_where_it_is_judged() -> None:
         "φ′": [-4.0, 4.0],
         "force": [-100, -90, 90, 100],
     }
+
+
+def test_draws_without_a_number_count_in_medians_and_a_share_is_of_the_controller_that_ran() -> (
+    None
+):
+    draws = {
+        "often": [{"end_time": x} for x in (1.0, 2.0, None)],
+        "seldom": [{}, {}, {"end_time": 3}],
+    }
+    (row,) = metrics_matrix(draws, ["end_time"]).rows
+    assert row[1:] == ["2 (1 to 2; 2 of 3)", "– (1 of 3)"]
+    asked = afl.Requirements(target={"z": 60.0})
+    away = afl.Scenario(name="away", initial_state={"z": 60.0}, duration=0.5, requirements=asked)
+    (figures,) = compare(away, "fixed").metrics
+    assert figures["saturated_share"] == 0.0  # about z = 0 it is 1
