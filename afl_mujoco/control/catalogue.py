@@ -214,9 +214,14 @@ def find_controller(name: str) -> Controller:
 def digests(scenarios: Iterable[Scenario], controllers: Iterable[Controller]) -> dict[str, str]:
     """Return a digest of each scenario and each controller, by ``scenario NAME`` and so on.
 
-    That of a controller in Python covers the file that defines it, not what it imports.
+    Those of a plant of one's own, with its MJCF, and of a controller in Python cover the file that
+    defines them, not what it imports.
     """
-    found = {f"scenario {one.name}": scenario_to_table(one) for one in scenarios}
+    found = {
+        f"scenario {one.name}": scenario_to_table(one)
+        | ({} if one.is_cart_pole else {"files": [one.plant.text, one.plant.stamp]})
+        for one in scenarios
+    }
     found |= {f"controller {one.name}": one.describe() for one in controllers}
     return {
         name: hashlib.blake2b(json.dumps(content).encode(), digest_size=16).hexdigest()

@@ -6,6 +6,7 @@ import contextlib
 import copy
 import dis
 import hashlib
+import importlib
 import inspect
 import math
 import numbers
@@ -25,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import LIMIT, Overrun, import_from, limited
+from afl_mujoco.loading import LIMIT, Overrun, import_from, importing, limited
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -442,13 +443,26 @@ def load_attribute(spec: str) -> Any:
         raise InvalidValueError(
             thing, "must be module:attribute, or FILE.py:NAME below this folder"
         )
-    found: Any = import_from(os.getcwd(), module_name, thing)
+    found: Any = _as_it_is_now(import_from(os.getcwd(), module_name, thing), thing)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
+
+
+_imported: dict[str, str | None] = {}  # digests of the files of modules, as they were run
+
+
+def _as_it_is_now(module: types.ModuleType, thing: str) -> types.ModuleType:
+    """Return a module, run again where its file has changed, as a plant's file is."""
+    now = _source_hash(module)
+    if _imported.setdefault(module.__name__, now) != now:
+        with importing(thing):
+            module = importlib.reload(module)
+        _imported[module.__name__] = now
+    return module
 
 
 def _module_of(path: str) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -21,6 +23,8 @@ from afl_mujoco.loading import import_from, importing, look_in
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
+
+LARGEST_MJCF = 10_000_000  # bytes of a file in which the names of others are looked for
 
 AXES = {f"{sign}{x}": (k, float(f"{sign}1")) for sign in ("", "-") for k, x in enumerate("xyz")}
 
@@ -267,6 +271,7 @@ class Plant:
     # what `load_plant` takes, if it was loaded; one that is made of another has none
     origin: str = field(default="", init=False, repr=False)
     text: str = field(default="", init=False, repr=False)  # digest of the file that it is from
+    stamp: str = field(default="", init=False, repr=False, compare=False)  # of its MJCF, as made
 
     def __post_init__(self) -> None:
         if not (isinstance(self.name, str) and self.name):
@@ -294,12 +299,13 @@ class Plant:
         self._require_kinds()
         self._take_numbers()
         self._refuse_doubles()
+        object.__setattr__(self, "stamp", _stamp(self.model))
 
     def __reduce__(self) -> Any:
         if not self.origin:
             rule = "must be loaded from a file, as FILE.py:NAME, for more than one process"
             raise InvalidValueError(f"plant {self.name!r}", rule)
-        return _loaded, (self.origin, self.text)
+        return _loaded, (self.origin, self.text, self.stamp)
 
     def __deepcopy__(self, memo: Any) -> Plant:
         return self
@@ -409,6 +415,12 @@ class Plant:
                     found[i] = max(found[i, 0], least), min(found[i, 1], most)
         return found
 
+    def require_unchanged(self) -> None:
+        """Raise if its MJCF is another than when it was made, of which limits and designs are."""
+        if self.stamp != _stamp(self.model):
+            rule = "must be as it was when the plant was made: make or load the plant anew"
+            raise InvalidValueError(f"MJCF of plant {self.name!r}", rule)
+
     @property
     def limited_joints(self) -> list[str]:
         """The joints that limit what drives exert, by the MJCF."""
@@ -422,6 +434,31 @@ def require_seen_limits(joints: Iterable[str]) -> None:
     for name in joints:
         rule = "would limit inputs unseen: give the actuator a ctrlrange or a forcerange"
         raise InvalidValueError(f"<joint {name!r} actuatorfrcrange>", rule)
+
+
+def _stamp(model: str | Path) -> str:
+    """Return a digest of an MJCF, and of the files that it names, as far as they can be read."""
+    read = hashlib.sha256()
+    waiting, seen = [model], set[Path]()
+    while waiting:
+        one = waiting.pop()
+        try:
+            text = (
+                one.encode()
+                if isinstance(one, str)
+                else (one.read_bytes() if one.is_file() else b"")
+            )
+        except OSError:
+            continue
+        read.update(text)
+        if isinstance(model, Path) and len(text) < LARGEST_MJCF:
+            named = re.findall(rb"""(?:file|dir)=["']([^"']*)""", text)
+            places = [model.parent / os.fsdecode(name) for name in named]
+            files = [x / y.name for x in (model.parent, *places) for y in places]
+            fresh = [x for x in (*places, *files) if x.is_file() and x not in seen]
+            waiting += dict.fromkeys(fresh)
+            seen.update(fresh)
+    return read.hexdigest()
 
 
 class _Mjcf:
@@ -504,9 +541,9 @@ def known_as(plant: Plant, origin: str, text: str = "") -> Plant:
 
 
 @cache
-def _loaded(origin: str, text: str) -> Plant:
+def _loaded(origin: str, text: str, stamp: str) -> Plant:
     found = load_plant(origin)
-    if found.text != text:
+    if (found.text, found.stamp) != (text, stamp):
         raise InvalidValueError(
             f"plant {origin}", "must not change while it runs, but its file did"
         )

@@ -77,6 +77,7 @@ class PlantModel:
     def __init__(
         self, plant: Plant, *, compared: bool = False, alter: Callable[[Any], None] | None = None
     ) -> None:
+        plant.require_unchanged()
         self.plant = plant
         self.details: dict[str, float] = dict(plant.details)
         self._spec = spec = _read(plant)

@@ -16,7 +16,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Parameter, Plant, known_as, load_plant
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import COORDINATES, STATE
+from afl_mujoco.scenario.parameters import COORDINATES, LARGEST_STATE, STATE
 from afl_mujoco.scenario.ranges import ranges_to_table
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
@@ -245,8 +245,9 @@ def _plant(given: Any, folder: Path | None) -> Plant:
         raise InvalidValueError("plant", 'must be "FILE.py:NAME"', shortened(given))
     table = dict(require_table("plant", given))
     units, origin = dict(table.pop("units", {})), str(table.pop("origin", ""))
-    values = {
-        name: Parameter(x, units.get(name, "")) for name, x in given.get("parameters", {}).items()
+    values = {  # what it was allowed was checked where it ran
+        name: Parameter(x, units.get(name, ""), low=-LARGEST_STATE)
+        for name, x in given.get("parameters", {}).items()
     }
     names = dict.fromkeys(table.get("signals", ()), float)
     with within("plant: "):

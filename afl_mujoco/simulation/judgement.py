@@ -182,11 +182,19 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
             if own.without_effect(path)
         ),
         *unit_remarks(scenario, run.control_period),
+        *_outliving(controller),
         *_ended(scenario, run),
         *_stopped(scenario, run),
         *_limited(scenario, run),
         *_odd(scenario, run),
     ]
+
+
+def _outliving(controller: Controller) -> Iterator[str]:
+    """Remark on what a controller keeps where no run makes it anew."""
+    why = str(getattr(controller, "memory", ""))
+    if why.startswith("it writes"):
+        yield f"{why}: a run depends on those before it in the same process"
 
 
 def _beyond(scenario: Scenario) -> Iterator[str]:

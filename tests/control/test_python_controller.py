@@ -310,6 +310,21 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
     assert (described["function"], len(described["source"])) == ("module_of_mine.Set.push", 32)
 
 
+def test_a_file_that_was_edited_is_run_again_as_a_plant_s_is(module, tmp_path):
+    for answer in (1.0, 22.0):
+        (tmp_path / "edited.py").write_text(f"def f(t, x, b): return {answer}\n")
+        assert afl.find_controller("edited:f").command(0.0, STATE, ASSUMED) == answer
+
+
+def test_what_outlives_a_run_is_remarked_on(smooth_scenario, module):
+    module("counts", "N = 0\ndef f(t, x, b):\n    global N\n    N += 1\n    return float(N)\n")
+    (remarks,) = afl.compare(replace(smooth_scenario, duration=0.01), "counts:f").remarks.values()
+    said = (
+        "it writes 'N', which outlives the call: make it a class: a run depends on those before it"
+    )
+    assert any(one.startswith(said) for one in remarks)
+
+
 NAMED = "must be module:attribute, or FILE.py:NAME below this folder"
 LOADED = {
     "no_such_module:f": ("x = 1", "must be in a module that is installed or in "),

@@ -1,8 +1,12 @@
 """What equations cannot describe is refused with the attribute to set, or said to be left out."""
 
+from dataclasses import replace
+
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import digests
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import small
 
@@ -53,6 +57,28 @@ REFUSED = {
 def test_it_is_refused_in_one_line(said: str, tmp_path) -> None:
     with pytest.raises(afl.AflMujocoError, match=rf"\A.*{said}.*\Z"):
         PlantModel(small(tmp_path, *REFUSED[said]))
+
+
+def test_a_plant_whose_mjcf_has_changed_is_refused_and_digests_tell_it(tmp_path) -> None:
+    plant, inner = small(tmp_path), tmp_path / "arm.xml"
+    whole = str(plant.model)
+    inner.write_text(whole)
+    outer = tmp_path / "outer.xml"
+    outer.write_text('<mujoco><include file="arm.xml"/></mujoco>')
+
+    def made():
+        return replace(plant, model=outer)
+
+    before = made()
+    PlantModel(before)
+    scenarios = [afl.Scenario(name="own", plant=one) for one in (before, made())]
+    one, same = (digests([scenario], []) for scenario in scenarios)
+    inner.write_text(whole.replace('mass="1"', 'mass="2"'))
+    assert inner.read_text() != whole
+    with pytest.raises(InvalidValueError, match="must be as it was when the plant was made"):
+        PlantModel(before)
+    PlantModel(after := made())
+    assert one == same != digests([afl.Scenario(name="own", plant=after)], [])
 
 
 LEFT_OUT = {

@@ -6,6 +6,8 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.scenario.belief import Assumed
+from afl_mujoco.scenario.files import scenario_from_table, scenario_to_table
+from tests.plants.plants import known
 
 
 @pytest.mark.parametrize("belief", ["nominal", {"cart_mass": Assumed("true", 0.1), "gravity": 9.0}])
@@ -121,3 +123,16 @@ def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     assert of_path == of_text == of_object
     with pytest.raises(afl.AflMujocoError, match="did you mean nominal"):
         run("nominall", "lqr")
+
+
+def test_a_result_keeps_values_that_its_plant_allows_and_knots_before_the_start() -> None:
+    own = {"friction": afl.Parameter(0.02, low=0.0, high=0.1)}
+    plant = replace(known("double_pendulum.py:plant"), parameters=own, write=lambda p: {},
+                    terms=None, accelerations=None, signals={})  # fmt: skip
+    zero = afl.Scenario(name="own", plant=plant, schedule={"friction": 0.0})
+    again = scenario_from_table(scenario_to_table(zero))
+    assert scenario_to_table(again) == scenario_to_table(zero)
+    past = afl.SCENARIOS["nominal"].with_schedule(cart_mass=afl.staircase([-1.0], [2.0, 1.0]))
+    runs = [afl.simulate_mujoco(replace(x, duration=0.1), "lqr")
+            for x in (past, afl.SCENARIOS["nominal"])]  # fmt: skip
+    assert runs[0].state.tobytes() == runs[1].state.tobytes()
