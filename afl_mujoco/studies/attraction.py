@@ -120,7 +120,7 @@ def prepare(options: Options) -> Request:
     return Request(scenario, controllers, axes, angles, rates, deployed)
 
 
-def _reach(name: str, given: float | None, scenario: Scenario, around: float) -> float:
+def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0.0) -> float:
     """Return how far a state goes from its target, within end stops and what ends a run."""
     unit = scenario.plant.units[name]
     stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
