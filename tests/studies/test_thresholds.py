@@ -58,6 +58,9 @@ def test_levels_that_a_scenario_cannot_have_are_not_tried_and_the_reader_is_told
     assert rail.fails_at is None and 0.3 < rail.holds_at < 0.6  # 0.1 m is the harshest
     late = swept("delay", scenarios=(aside,)).survives
     assert late.fails_at is None and 0.03 < late.holds_at < 0.15
+    coarse = replace(SETTINGS, timestep=2e-3)
+    found = swept("control_period", scenarios=(CALM,), settings=coarse).survives
+    assert found.fails_at is not None and round(found.fails_at / 2e-3, 9) % 1.0 == 0.0
     slow = replace(CALM, imperfections=Imperfections(delay=0.25))
     asked = Request([LQR], (slow,), SETTINGS, ("delay", "noise")).require()
     assert list(asked.names) == ["noise"]

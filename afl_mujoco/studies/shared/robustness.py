@@ -278,6 +278,8 @@ def sweep(unit: SweepUnit) -> Swept:
     name, _, scenarios, settings = unit
     plant = scenarios[0].plant
     one = referred(find_imperfection(name, plant), scenarios)
+    if one.quantum and (h := settings.timestep):  # levels are whole numbers of steps, too
+        one = replace(one, quantum=math.ceil(one.quantum / h - 1e-9) * h)
 
     @functools.cache
     def at(level: float) -> tuple[Run, ...]:
