@@ -20,6 +20,7 @@ from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -280,6 +281,11 @@ class PythonController(Controller):
         return function  # type: ignore[no-any-return]
 
     @property
+    def outlives(self) -> bool:
+        """Whether it is known to write what outlives a run, as no copy of it does."""
+        return bool(self.memory and _written(self.function))
+
+    @property
     def memory(self) -> str:
         """Why it counts as one with a memory, and what helps; empty if that is plain."""
         plain = not self.stateful or makes_controllers(self.function)
@@ -452,16 +458,16 @@ def load_attribute(spec: str) -> Any:
     return found
 
 
-_imported: dict[str, str | None] = {}  # digests of the files of modules, as they were run
+_run = WeakKeyDictionary[types.ModuleType, str | None]()  # digests of files, as they were run
 
 
 def _as_it_is_now(module: types.ModuleType, thing: str) -> types.ModuleType:
     """Return a module, run again where its file has changed, as a plant's file is."""
     now = _source_hash(module)
-    if _imported.setdefault(module.__name__, now) != now:
+    if _run.setdefault(module, now) != now:
         with importing(thing):
             module = importlib.reload(module)
-        _imported[module.__name__] = now
+        _run[module] = now
     return module
 
 

@@ -178,8 +178,8 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
     _require_determined(found)
     if not _compliant(found, w):
         at = zip(parameters, found.values.tolist(), strict=True)
-        without = [one._replace(start=0.0, low=0.0, high=0.0) if one.name == "compliance"
-                   else one._replace(start=x) for one, x in at]  # fmt: skip
+        without = [one.held(0.0) if one.name == "compliance" else one._replace(start=x)
+                   for one, x in at]  # fmt: skip
         found = fit_to_scatter(problem, without, found.starts)
     _require_one_rig(problem, found, "gravity_term", w)
     w2, k = found.by_name["gravity_term"], found.by_name["coupling"]
@@ -248,7 +248,7 @@ class _Drive(NamedTuple):
         every = max(1, min(COARSE, self.windows.count // ENOUGH))
         problem = self._problem(self.windows.some(every), parameters, known)
         without = [
-            one._replace(start=one.low, high=one.low) if one.name == "lag"
+            one.held(one.low) if one.name == "lag"
             else one._replace(low=-one.high) if one.name == "delay" else one
             for one in parameters
         ]  # fmt: skip
@@ -308,8 +308,7 @@ class _Drive(NamedTuple):
         """Fit all windows from a first guess; parameters on a bound stay there."""
         found = guess.estimates.values()
         parameters = [
-            one._replace(start=x.value, low=x.value, high=x.value) if x.on_bound
-            else one._replace(start=x.value)
+            one.held(x.value) if x.on_bound else one._replace(start=x.value)
             for one, x in zip(self._parameters, found, strict=True)
         ]  # fmt: skip
         fine = replace(self.windows, step=self.windows.step / FINER)

@@ -44,6 +44,10 @@ class Parameter(NamedTuple):
     high: float
     scale: float  # scale of its changes
 
+    def held(self, value: float) -> Parameter:
+        """Return the parameter held at a value."""
+        return self._replace(start=value, low=value, high=value)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:

@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
@@ -439,24 +440,20 @@ def require_seen_limits(joints: Iterable[str]) -> None:
 def _stamp(model: str | Path) -> str:
     """Return a digest of an MJCF, and of the files that it names, as far as they can be read."""
     read = hashlib.sha256()
-    waiting, seen = [model], set[Path]()
+    waiting, seen = [model] if isinstance(model, str) or model.is_file() else [], set[Path]()
     while waiting:
         one = waiting.pop()
-        try:
-            text = (
-                one.encode()
-                if isinstance(one, str)
-                else (one.read_bytes() if one.is_file() else b"")
-            )
-        except OSError:
-            continue
+        text = one.encode() if isinstance(one, str) else b""
+        with suppress(OSError):
+            text = one.read_bytes() if isinstance(one, Path) else text
         read.update(text)
         if isinstance(model, Path) and len(text) < LARGEST_MJCF:
             named = re.findall(rb"""(?:file|dir)=["']([^"']*)""", text)
-            places = [model.parent / os.fsdecode(name) for name in named]
-            files = [x / y.name for x in (model.parent, *places) for y in places]
-            fresh = [x for x in (*places, *files) if x.is_file() and x not in seen]
-            waiting += dict.fromkeys(fresh)
+            names = [os.fsdecode(name) for name in named]
+            folders = [model.parent, *(x for name in names if (x := model.parent / name).is_dir())]
+            places = (folder / name for folder in folders for name in names)
+            fresh = [*dict.fromkeys(x for x in places if x not in seen and x.is_file())]
+            waiting += fresh
             seen.update(fresh)
     return read.hexdigest()
 

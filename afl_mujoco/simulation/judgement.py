@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own import PythonController
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
@@ -103,12 +105,8 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
         share = metrics[effort_names(inputs, name)[-1]] if name in inputs else 0.0
         peak = metrics[known[f"max.{name}"].metric]
         yield replace(_peak(f"max.{name}", limit, peak, completed), limited=share or 0.0)
-    states = dict(zip(scenario.plant.states, run.state.T, strict=True))
-    turned = dict(zip(scenario.plant.states, run.away.T, strict=True))
-    states |= {name: scenario.about(name) + turned[name] for name in scenario.plant.wraps}
     for name, limit in asked.min.items():
-        least = float((run.signals[name] if name in run.signals else states[name]).min())
-        yield _least(f"min.{name}", limit, least, completed)
+        yield _least(f"min.{name}", limit, float(_course(scenario, run, name).min()), completed)
     outside = _outside(scenario, run)
     if asked.settling_time is not None:
         first = [(0.0, calm(scenario.duration, scenario.disturbances))]
@@ -116,6 +114,15 @@ def _judgements(scenario: Scenario, run: Trajectory) -> Iterator[Judgement]:
     if asked.recover_within is not None:
         after = recoveries(scenario.duration, scenario.disturbances)
         yield _rest("recover_within", asked.recover_within, run, outside, after)
+
+
+def _course(scenario: Scenario, run: Trajectory, name: str) -> Floats:
+    """Return a signal or a state over a run; one that wraps within half a turn of its target."""
+    if name in run.signals:
+        return run.signals[name]
+    i = scenario.plant.states.index(name)
+    wraps = name in scenario.plant.wraps
+    return scenario.about(name) + run.away[:, i] if wraps else run.state[:, i]
 
 
 def _outside(scenario: Scenario, run: Trajectory) -> NDArray[np.bool_]:
@@ -192,9 +199,8 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
 
 def _outliving(controller: Controller) -> Iterator[str]:
     """Remark on what a controller keeps where no run makes it anew."""
-    why = str(getattr(controller, "memory", ""))
-    if why.startswith("it writes"):
-        yield f"{why}: a run depends on those before it in the same process"
+    if isinstance(controller, PythonController) and controller.outlives:
+        yield f"{controller.memory}: a run depends on those before it in the same process"
 
 
 def _beyond(scenario: Scenario) -> Iterator[str]:

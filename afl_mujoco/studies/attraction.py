@@ -27,7 +27,7 @@ from afl_mujoco.scenario.parameters import (
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, deviation
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
@@ -106,8 +106,7 @@ def prepare(options: Options) -> Request:
     controllers = find_controllers(o.controllers, [scenario])
     require_runs(controllers, [scenario], deployed)
     target = dict(zip(scenario.plant.coordinates, scenario.target, strict=True))
-    for name in scenario.plant.wraps:  # the same place, within a turn from 0
-        target[name] -= 2.0 * math.pi * round(target[name] / (2.0 * math.pi))
+    target |= {name: deviation(target[name], 0.0, True) for name in scenario.plant.wraps}
     if len(o.reach) not in (0, 2):
         raise InvalidValueError("reach", "must be two numbers", o.reach)
     asked = zip(axes, o.reach or (None, None), strict=True)

@@ -13,12 +13,7 @@ import numpy as np
 from dm_env import TimeStep
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import (
-    GraphicsError,
-    InvalidValueError,
-    UnknownNameError,
-    require_count,
-)
+from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError, require_count
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
@@ -246,7 +241,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         physics = self.dm_environment.physics
         control = physics.control()
         force = float(control[0]) if len(control) == 1 else control.copy()
-        time = physics.world.time(physics.instant)
+        time = float(physics.world.time(physics.instant))
         known: dict[str, Any] = {"time": time, "force": force}
         if self.randomize:
             known["sample"] = physics.scenario.name

@@ -32,7 +32,7 @@ from gymnasium.utils.seeding import np_random  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 from gymnasium.vector.utils import batch_space  # noqa: E402
 
-MOST_ENVIRONMENTS = 100_000
+MOST_ENVIRONMENTS = 100_000  # each has a model of its own
 
 
 class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
@@ -163,8 +163,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def _information(self) -> dict[str, Any]:
         forces = self._forces[:, 0] if self._forces.shape[1] == 1 else self._forces
-        worlds = zip(self._worlds, self._instants.tolist(), strict=True)
-        known = {"time": np.array([one.time(at) for one, at in worlds]), "force": forces.copy()}
+        known = {"time": self._physics.world.time(self._instants), "force": forces.copy()}
         if self._first.randomize:
             names = [world.scenario.name for world in self._worlds]
             known["sample"] = np.array(names, dtype=object)

@@ -6,7 +6,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import kernel, load, store
 from afl_mujoco.plants.library import mj_forward, mujoco, write_row
@@ -150,9 +150,9 @@ class World:
         )  # fmt: skip
         return reached
 
-    def time(self, instant: int) -> float:
-        """Return the time of an instant [s]: that of the last is the scenario's duration."""
-        return min(instant * self.timestep, self.scenario.duration)
+    def time(self, instant: ArrayLike) -> Any:
+        """Return the time of instants [s]: that of the last is the scenario's duration."""
+        return np.minimum(np.multiply(instant, self.timestep), self.scenario.duration)
 
     def measured(self, instant: int) -> Floats:
         """Measure the state, shape (2 n,); filters and differences must see each tick once."""

@@ -123,7 +123,7 @@ def prepare(
 def last_change(scenario: Scenario) -> float:
     """Return when anything prescribed changes for the last time [s]; 0 if nothing does."""
     sources = (*scenario.schedule.values(), *scenario.disturbances)
-    return max(0.0, *(float(t) for source in sources for t in source.breakpoints), 0.0)
+    return max(0.0, max((t for source in sources for t in source.breakpoints), default=0.0))
 
 
 def told_parameters(scenario: Scenario, times: Floats) -> Floats:
