@@ -115,6 +115,18 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     assert labels == [*words[2:], words[1], words[0]]
 
 
+def test_parameters_that_change_after_the_first_run_has_ended_are_shown(monkeypatch):
+    scenario = afl.Scenario(name="two", schedule={"cart_mass": afl.staircase([2.0], [1.0, 1.6])},
+                            initial_state={"phi": 0.3}, duration=2.5)  # fmt: skip
+    falls = PythonController(name="falls", function=lambda time, state, belief: 0.0)
+    both = [record(scenario, one, Deployed(), FPS) for one in (falls, afl.CONTROLLERS["lqr"])]
+    assert both[0].end < 2.0 and not both[0].changing
+    labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
+    monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
+    draw_plots(both, (320, 180))
+    assert "cart_mass [kg]" in labels
+
+
 SLIDER = """<mujoco><worldbody>{first}<body name="b">
 <joint name="x" type="slide" axis="1 0 0" ref="{ref}"/>
 <geom type="box" size=".1 .1 .1" pos="{at} 0 0" mass="1"/></body></worldbody>

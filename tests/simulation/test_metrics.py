@@ -113,3 +113,16 @@ def test_a_run_knows_its_figures_and_says_what_it_is() -> None:
     assert run.metrics == {k: v for k, v in expected.items() if k != "saturated_share"}
     assert repr(run) == "<Trajectory: <short>, lqr, mujoco sampled: completed, 1001 instants>"
     assert [line.get_xdata()[-1] for line in run.plot().axes[0].lines] == [1.0]
+
+
+def test_the_share_outside_the_boundary_layer_is_by_what_the_controller_is_told() -> None:
+    start, wrong = {"z": 20.0, "phi": -1.4}, {"half_length": {"error": -0.5}}
+    scenario = afl.Scenario(name="wrong", initial_state=start, belief=wrong, duration=5.0)
+    fixed = afl.CONTROLLERS["fixed"]
+    run = afl.simulate_mujoco(scenario, fixed)
+    told = afl.CartPoleParameters(half_length=0.25)
+    s = afl.sliding_variable(run.state, told, afl.FIXED_GAINS)
+    outside = (np.abs(s) >= afl.FIXED_GAINS.boundary_layer).astype(float)
+    expected = np.trapezoid(outside, run.time) / 5.0
+    assert 0.0 < expected < 0.01  # by the true length it is 0.03
+    assert metrics(scenario, fixed, run)["saturated_share"] == pytest.approx(expected)
