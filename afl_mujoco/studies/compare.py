@@ -38,7 +38,7 @@ from afl_mujoco.studies.shared.contract import (
 )  # fmt: skip
 from afl_mujoco.studies.shared.loop_margins import linearize, stable_as_held
 from afl_mujoco.studies.shared.robustness import require_runs
-from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_kept
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_kept
 from afl_mujoco.studies.shared.tables import (
     ENDINGS,
     as_file,
@@ -313,6 +313,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
     for scenario, controller in itertools.product(scenarios, controllers):
         drawn = draws_of(scenario, draws)
         runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
+        if len(scenarios) > 1 or len(drawn) > 1:
+            require_alike(controller, drawn[0], runs[0], deployed)
         rows += numbered(runs)
         ran = bound(controller, scenario)
         figures += [{} if run is None else metrics(one, ran, run)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import open_executor
 from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.scenario.sample_space import (
@@ -172,3 +173,32 @@ def test_a_seed_is_the_draw_that_compare_has_where_only_encoders_act() -> None:
     bare = [run.metrics["peak_phi"] for run in robustness.run_on(unit, {})]
     expected = [afl.simulate_mujoco(x, "lqr").metrics["peak_phi"] for x in draws_of(own, 3)]
     assert bare == expected and len(set(bare)) == 3
+
+
+STUDIES = {
+    "compare": lambda own: afl.compare(replace(LEANING, **NOISY), own, draws=2),
+    "sample": lambda own: drawn(2, controllers=(own,)),
+    "sweep": lambda own: robustness.sweep(
+        robustness.SweepUnit("delay", own, (LEANING,), robustness.Settings(scan=2, tolerance=1.0))
+    ),
+    "map_starts": lambda own: robustness.map_starts(
+        (own,), LEANING, ("phi", "z"), (np.array([0.1]), np.array([0.0, 0.1])), DEFAULT
+    ),
+}
+NOISY = {"duration": 0.5, "imperfections": afl.Imperfections(noise={"phi": 1e-4})}
+
+
+@pytest.mark.parametrize("study", STUDIES)
+def test_a_controller_that_keeps_something_from_run_to_run_is_refused(study: str) -> None:
+    calls: list[float] = []
+
+    def counts(t, x, belief):
+        calls.append(t)
+        return 20.0 * x[1] + 3.0 * x[3] + 1e-9 * len(calls)
+
+    def forgets(t, x, belief):
+        return 20.0 * x[1] + 3.0 * x[3]
+
+    STUDIES[study](as_controller(forgets))
+    with pytest.raises(afl.AflMujocoError, match="'counts' must make the same run each time"):
+        STUDIES[study](as_controller(counts))

@@ -35,7 +35,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
-from afl_mujoco.studies.shared.run import Rows, Run, numbered, run_all
+from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_all
 from afl_mujoco.studies.shared.search import (
     Budget,
     Threshold,
@@ -275,7 +275,7 @@ def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
 
 def sweep(unit: SweepUnit) -> Swept:
     """Find the levels up to which a controller survives an imperfection, and settles under it."""
-    name, _, scenarios, settings = unit
+    name, controller, scenarios, settings = unit
     plant = scenarios[0].plant
     one = referred(find_imperfection(name, plant), scenarios)
     if one.quantum and (h := settings.timestep):  # levels are whole numbers of steps, too
@@ -302,6 +302,9 @@ def sweep(unit: SweepUnit) -> Swept:
             return Swept(at(one.reference), holds, holds, (), False)
     survives = threshold(lambda level: survived(at(level)), settings.scan)
     settles = threshold(lambda level: all_settled(at(level), scenarios))
+    first = on_hardware(scenarios[0], hardware_at(one, one.reference, plant))
+    (drawn, *_) = draws_of(first, random=settings.seeds)
+    require_alike(controller, drawn, at(one.reference)[0], settings.deployed)
     return Swept(
         reference=at(one.reference),
         survives=survives,
@@ -337,7 +340,10 @@ def _run_samples(space: SampleSpace, seed: int, deployed: Deployed, unit: Any) -
     """Run a controller on samples by their numbers; their points are drawn by the worker."""
     controller, numbers = unit
     points = [sample_point(space, i, seed) for i in numbers]
-    return _run_points(controller, space, seed, deployed, (points, numbers))
+    runs = _run_points(controller, space, seed, deployed, (points, numbers))
+    first = space.scenario_of(points[0], numbers[0], seed)
+    require_alike(controller, first, runs[0], deployed)
+    return runs
 
 
 def sample(
@@ -497,7 +503,9 @@ def require_samples(
 
 def _run_row(deployed: Deployed, unit: tuple[Controller, list[Scenario]]) -> list[Run]:
     controller, scenarios = unit
-    return run_all(controller, scenarios, deployed)
+    runs = run_all(controller, scenarios, deployed)
+    require_alike(controller, scenarios[0], runs[0], deployed)
+    return runs
 
 
 def map_starts(

@@ -13,7 +13,7 @@ import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import require_count
+from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import MOST_WORKERS, on_threads
 from afl_mujoco.scenario.files import as_scenarios
@@ -226,6 +226,22 @@ def run_kept(
     require_count("threads", threads, 1, MOST_WORKERS)
     alone = controller.interpreted  # threads do not speed it up; here it can be stopped
     return on_threads(made, scenarios, 1 if alone else min(threads, max(len(scenarios), 1)))
+
+
+def require_alike(controller: Controller, scenario: Scenario, run: Run, deployed: Deployed) -> None:
+    """Raise if a controller in Python does not repeat a run after it has made others.
+
+    What it keeps outside itself, or draws without a seed, would make results depend on which
+    process makes which run. One that computed no force is not judged: a call may be too slow once.
+    """
+    if not controller.interpreted:
+        return
+    (again,) = run_all(controller, [scenario], deployed)
+    ended = {run.outcome, again.outcome}
+    if CONTROLLER_FAILED not in ended and replace(again, draw=run.draw) != run:
+        rule = "must make the same run each time, but keeps something from run to run, or draws "
+        rule += "without a seed: make it a class, whose instances make one run each"
+        raise InvalidValueError(f"controller {controller.name!r}", rule)
 
 
 def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
