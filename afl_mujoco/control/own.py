@@ -322,7 +322,8 @@ class PythonController(Controller):
         except BaseException as error:
             if falling:  # an integrator's stage or sensor noise may lead there
                 return math.nan
-            rule = f"raised {type(error).__name__} at t = {time:g} s: {told(error)}"
+            said = told(error)
+            rule = f"raised {type(error).__name__} at t = {time:g} s{said and f': {said}'}"
             if isinstance(error, AttributeError) and error.obj is belief:
                 rule += f"; belief has {', '.join(given)}"
             raise ControllerError(f"controller {self.name!r}", rule) from error

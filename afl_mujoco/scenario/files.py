@@ -353,7 +353,9 @@ def _schedule(thing: str, value: Any) -> Schedule:
 def _shaped(builders: Mapping[str, Callable[..., Any]], thing: str, table: Any) -> Any:
     """Return what a table with a shape describes."""
     given = dict(require_table(thing, table))
-    if (shape := given.pop("shape", None)) not in [*builders]:
+    if "shape" not in given:
+        raise InvalidValueError(thing, f"must have a shape, one of {', '.join(builders)}")
+    if (shape := given.pop("shape")) not in [*builders]:
         raise UnknownNameError.among(f"{thing}.shape", shape, builders)
     if isinstance(pieces := given.get("pieces"), list):
         given["pieces"] = [_schedule(f"{thing}.pieces[{i}]", x) for i, x in enumerate(pieces)]

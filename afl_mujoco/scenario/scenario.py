@@ -151,7 +151,7 @@ def _rule(parameter: Parameter) -> Check:
 
 
 def _duration(thing: str, value: object) -> float:
-    return instant(require_positive(thing, value))
+    return require_positive(thing, instant(require_positive(thing, value)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -139,16 +139,19 @@ def test_a_first_call_that_changes_the_folder_leaves_us_where_we_were(tmp_path):
     assert controller.command(0.0, STATE, ASSUMED) == 1.0 and os.getcwd() == here
 
 
-@pytest.mark.parametrize("raised", [ZeroDivisionError("x"), SystemExit("x")], ids=repr)
+@pytest.mark.parametrize(
+    "raised", [ZeroDivisionError("x"), SystemExit("x"), StopIteration()], ids=repr
+)
 def test_whatever_a_controller_raises_is_answered_in_one_line(raised):
     def raising(time, state, belief):
         raise raised
 
     said = type(raised).__name__
-    expected = line(f"controller 'mine' raised {said} at t = 2 s: x")
+    text = f": {raised}" if str(raised) else ""
+    expected = line(f"controller 'mine' raised {said} at t = 2 s{text}")
     with pytest.raises(ControllerError, match=expected):
         controller_of(raising).command(2.0, STATE, ASSUMED)
-    with pytest.raises(InvalidValueError, match=f"cannot be started: {said}: x"):
+    with pytest.raises(InvalidValueError, match=f"cannot be started: {said}{text}"):
         controller_of(type("Mine", (), {"__init__": lambda _: raising(0, 0, 0), "__call__": paper}))
     assert math.isnan(controller_of(raising).command(0.0, (0.0, 1.6, 0.0, 0.0), ASSUMED))
 

@@ -81,6 +81,8 @@ HIT = "[[disturbances]]\nshape = "
          "imperfections.delay must be shorter than the duration, 12 s, got 12 s"),
         ("plant = { name = 'x' }", 'plant must be "FILE.py:NAME", got '),
         (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
+        ("[schedule.cart_mass]\ntimes = [1]", "schedule.cart_mass must have a shape, one of "),
+        ("duration = 1e-300", "duration must be positive, got 0.0"),
         (TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
          "schedule.cart_mass.high is not a known key; known keys: times, values"),
         (TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
