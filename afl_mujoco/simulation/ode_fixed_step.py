@@ -6,7 +6,7 @@ the disturbances. So the error of each can be separated from that of the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -188,10 +188,7 @@ def _run(
         status = _FELL if has_ended(limits, states[first]) else status
         if status != _RUNNING:
             break
-        there = segment
-        if holds.schedule and any(segment.impulse):  # it acts on the plant that is held
-            there = replace(segment, lines=tuple((x, 0.0) for x in held[first].tolist()))
-        states[first] = arrive(states[first], before, there)
+        states[first] = arrive(states[first], before, segment)
         before, line = segment, line_of(segment)
         true = line._replace(values=line.values.copy(), rates=line.rates.copy())
         part = (ticks, held, push, fine, states, forces, work, limits, first, until)

@@ -59,6 +59,7 @@ class Profile(NamedTuple):
     impulse: Floats  # jumps of the momenta [N s, N m s], shape (K, n)
     # the share of the step after which its jump acts, 0 at its start; -1 for none, shape (K,)
     split: Floats
+    struck: NDArray[np.int64]  # the row of the instant of the jump of each step, shape (K,)
     # first and past the last row of the events at the start of each step, of which each has a row
     # before it and one after, shape (K, 2)
     events: NDArray[np.int64]
@@ -129,12 +130,15 @@ def _at_rest(at, run, drift, out):
 
 @borrowing_kernel
 def apply_impulse(at, profile, run, k, inside):
-    """Apply the impulse at the start of step k or inside it, with the parameters in the model."""
+    """Apply the impulse at the start of step k or inside it, with the parameters of its instant."""
     i = min(k, len(profile.which) - 1)
     split = profile.split[i]
     if split < 0.0 or (split > 0.0) != inside:
         return
     n, inputs, forces = at.n, run.space[: at.k], run.space[at.k :][: 2 * at.n]
+    changing = profile.struck[i] != profile.which[i]
+    if changing:
+        write_row(at.structures, at.targets, profile.rows[profile.struck[i]])
     read_numbers(at.ctrl, inputs)
     read_numbers(at.applied, forces[:n])
     # mj_forward under the impulse minus mj_forward without it: M^-1 times the momenta
@@ -143,6 +147,8 @@ def apply_impulse(at, profile, run, k, inside):
     write_numbers(at.applied, forces[:n])
     for j in range(n):
         store(at.qvel + 8 * j, load(at.qvel + 8 * j) + forces[n + j])
+    if changing:
+        write_row(at.structures, at.targets, profile.rows[profile.which[i]])
 
 
 @inlined_kernel

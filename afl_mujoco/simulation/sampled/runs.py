@@ -142,19 +142,25 @@ def input_profile(model: SimulatedModel, scenario: Scenario, times: Floats) -> l
     first = np.searchsorted(steps, np.arange(len(middles)))
     events = len(rows) + 2 * np.column_stack([first, np.append(first[1:], len(found))])
     writing = np.flatnonzero(np.diff(which, prepend=-1))  # steps that write a row
-    values = np.vstack([values[writing], *(x for one in found for x in (one.before, one.after))])
-    rates = np.vstack([rates[writing], *(x for one in found for x in one.rates)])
-    if found:
+    held, struck = held_disturbances(scenario, times), which.copy()
+    hits = np.flatnonzero(held.split >= 0.0)
+    there = scenario.values(instants(times[hits] + held.split[hits] * np.diff(times)[hits]))
+    moved = (there != values[hits]).any(axis=1)
+    hits, there = hits[moved], there[moved]
+    struck[hits] = len(rows) + 2 * len(found) + np.arange(len(hits))
+    ends = (x for one in found for x in (one.before, one.after))
+    values = np.vstack([values[writing], *ends, there])
+    rates = np.vstack([rates[writing], *(x for one in found for x in one.rates), 0.0 * there])
+    if len(values) > len(rows):
         rows = np.vstack([rows, model.rows(values[len(rows) :])])
     drift = np.empty((0, 15 * len(model.addresses.parents)))
     if rates.any():
         drift = model.writer.drift(values, rates).reshape(len(rows), -1)
-    held = held_disturbances(scenario, times)
     push, beside = model.generalised(held.push)
     impulse = model.along("impulse on an input", held.impulse)
     return loop.Profile(
         rows=rows, which=which, push=push, beside=beside, impulse=impulse, split=held.split,
-        events=events, drift=drift,
+        struck=struck, events=events, drift=drift,
     )  # fmt: skip
 
 

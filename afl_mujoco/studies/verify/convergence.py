@@ -16,7 +16,7 @@ from afl_mujoco.plants.cartpole_equations import acceleration
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.schedules import Impulse, Schedule
+from afl_mujoco.scenario.schedules import Schedule
 from afl_mujoco.simulation.mujoco_model import CartPoleModel, write_state
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.ode_fixed_step import Holds, simulate_ode_held
@@ -107,15 +107,9 @@ def sampled_study(
 
 
 def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
-    """Return the error of holding the schedule alone, over `SCHEDULE_STEPS`; None without ramps.
-
-    Ideal impulses are left out: they act with the parameters of a step's middle, which on a
-    ramp is an error of order 1 of its own.
-    """
+    """Return the error of holding the schedule alone, over `SCHEDULE_STEPS`; None without ramps."""
     if not any(rate for segment in scenario.segments for _, rate in segment.lines):
         return None
-    calm = tuple(d for d in scenario.disturbances if not isinstance(d, Impulse))
-    scenario = replace(scenario, disturbances=calm)
     errors = []
     for h in SCHEDULE_STEPS:
         held = simulate_ode_held(

@@ -55,7 +55,9 @@ def plain_loop(scenario, controller, hold, integrator):
             if hit is not None:
                 m.opt.timestep = hit.time - start
                 mujoco.mj_step(m, d)
+                model.set_parameters(scenario.parameters_at(hit.time))
                 d.qvel[:] += jump_of(model, (*d.qpos, *d.qvel), hit.momentum)
+                model.set_parameters(scenario.parameters_at(0.5 * (start + end)))
                 m.opt.timestep = end - hit.time
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
             mujoco.mj_step(m, d)

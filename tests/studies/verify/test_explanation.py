@@ -54,7 +54,7 @@ def test_the_budget_stays_open_without_a_source_and_an_order_is_an_exponent(runs
 
 
 def test_the_ledger_closes_at_a_hit_with_a_jump_and_stays_open_without_the_ramps(monkeypatch):
-    hit = afl.Impulse(momentum=0.3, time=0.3)
+    hit = afl.Impulse(momentum=0.3, time=0.305)  # where M jumps
     struck = dataclasses.replace(SHORT, duration=0.5, disturbances=(hit,))
     energy, momentum = explanation.ledger(struck, ADAPTIVE)
     assert CRITERIA["A6e"].judge(energy).passed and CRITERIA["A6p"].judge(momentum).passed
