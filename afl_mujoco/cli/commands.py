@@ -379,7 +379,9 @@ class Simulate(_Deployed):
         if self.log:
             others += [f.name for f in write_run(scenario, run, folder, stem)]
         say(f"wrote {folder / stem}.npz, {', '.join(others)}")
-        ending = tables.how(row.failure) if row.failure not in ("", row.outcome) else row.ending
+        ending = row.ending
+        if row.failure not in ("", row.outcome):
+            ending = tables.how(row.failure, scenario)
         headline = f"{controller.name} on {scenario.name}: {ending}"
         print_report(Report(headline=headline, blocks=blocks, passed=not row.missed))
         return CHECK_FAILED if row.missed else SUCCESS

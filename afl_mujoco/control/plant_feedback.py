@@ -35,9 +35,23 @@ class Rest(NamedTuple):
     damping: Floats  # dh/dv, shape (n, n)
 
 
-def holding_input(bias: Floats, inputs: Floats) -> tuple[Floats, Floats]:
-    """Return the inputs that hold a plant at rest, ``B u = h``, and the forces they leave over."""
+def holding_input(bias: Floats, inputs: Floats, limits: Floats) -> tuple[Floats, Floats]:
+    """Return the inputs that hold a plant at rest, ``B u = h``, and the forces they leave over.
+
+    They are the smallest; where these are not within `limits`, shape (k, 2), some that are, if
+    there are any, and a quarter of the range away from them, if there are such.
+    """
     held = np.asarray(np.linalg.lstsq(inputs, bias, rcond=None)[0], dtype=np.float64)
+    low, high = limits.T
+    if np.any((held < low) | (held > high)) and len(held) > 1:
+        from scipy.optimize import lsq_linear  # a third of a second to import
+
+        quarter = np.where(np.isfinite(high - low), 0.25 * (high - low), 0.0)
+        for spare in (quarter, 0.0):
+            bounds = low + spare, high - spare
+            within = lsq_linear(inputs, bias, bounds, method="bvls", tol=1e-14).x
+            if np.abs(bias - inputs @ within).max() <= HOLDS * max(1.0, np.abs(bias).max()):
+                return within, bias - inputs @ within
     return held, bias - inputs @ held
 
 
@@ -85,7 +99,7 @@ class LinearFeedback(Controller):
         thing = f"controller {self.name!r}"
         if not self.plant.inputs:
             raise InvalidValueError(thing, "must have an input, but the plant has none")
-        held, left = holding_input(rest.bias, rest.inputs)
+        held, left = holding_input(rest.bias, rest.inputs, self.plant.limits)
         worst = int(np.abs(left).argmax())
         if abs(left[worst]) > HOLDS * max(1.0, float(np.abs(rest.bias).max())):
             name = self.plant.coordinates[worst]

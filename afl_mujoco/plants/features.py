@@ -126,11 +126,16 @@ def require_compiler(spec: Any, *, masses: bool) -> None:
 
 def compare_only_what_equations_have(spec: Any) -> None:
     """Switch off in a description what is left out."""
-    off = (DISABLE.mjDSBL_LIMIT, DISABLE.mjDSBL_FRICTIONLOSS, DISABLE.mjDSBL_CLAMPCTRL,
-           DISABLE.mjDSBL_AUTORESET)  # fmt: skip
+    off = (DISABLE.mjDSBL_LIMIT, DISABLE.mjDSBL_FRICTIONLOSS, DISABLE.mjDSBL_AUTORESET)
     spec.option.disableflags |= sum(map(int, off))
     for body in spec.bodies:
         body.gravcomp = 0.0
+    without_limits_of_inputs(spec)
+
+
+def without_limits_of_inputs(spec: Any) -> None:
+    """Let inputs be of any size in a description."""
+    spec.option.disableflags |= int(DISABLE.mjDSBL_CLAMPCTRL)
     for joint in spec.joints:
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
     for actuator in spec.actuators:

@@ -14,6 +14,7 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.control.plant_feedback import NODES, LinearFeedback, Rest, holding_input, largest_of
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import has_its_names
+from afl_mujoco.plants.features import without_limits_of_inputs
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.scenario import Scenario
@@ -64,7 +65,7 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
         asked.get(name, asked.get(f"{name}_command", end))
         for name, end in zip(plant.inputs, ends.tolist(), strict=True)
     ]
-    model = plant_model(plant, threading.get_ident())
+    model = _unlimited(plant, threading.get_ident())
 
     def rest(values: Floats) -> Rest:
         return rest_of(model, np.array(scenario.target), values)
@@ -101,6 +102,12 @@ def plant_model(plant: Plant, thread: int) -> PlantModel:
     return PlantModel(plant)
 
 
+@lru_cache(maxsize=32)
+def _unlimited(plant: Plant, thread: int) -> PlantModel:
+    """Return the same without limits of inputs, which would cut off what shows their effect."""
+    return PlantModel(plant, alter=without_limits_of_inputs)
+
+
 def rest_of(model: PlantModel, q: Floats, values: Floats) -> Rest:
     """Return a plant at rest at some coordinates, by MuJoCo's own terms."""
     row = model.rows(values)
@@ -109,7 +116,7 @@ def rest_of(model: PlantModel, q: Floats, values: Floats) -> Rest:
     n, k = len(q), len(model.plant.inputs)
     still, none = np.zeros(n), np.zeros(k)
     mass, bias, inputs, _ = model.at(q, still, none)
-    held, _ = holding_input(bias, inputs)
+    held, _ = holding_input(bias, inputs, model.plant.limits)
     stiffness, damping = np.empty((n, n)), np.empty((n, n))
     for i in range(n):
         step = STEP * np.eye(n)[i]

@@ -272,12 +272,18 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         if not share or most is None:
             continue
         unit = f" {one}" if (one := scenario.plant.units[name]) else ""
-        asked = f"asks for up to {most:.3g}{unit}"
+        asked = f"asks for up to {_digits(most, 3)}{unit}"
         if limit is not None and most <= limit:
             asked = f"asks for all of {limit:g}{unit}"
         yield (
-            f"{drive} is at its limit for {100.0 * share:.2g} % of the run: the controller {asked}"
+            f"{drive} is at its limit for {_digits(100.0 * share, 2)} % of the run: the controller "
+            f"{asked}"
         )
+
+
+def _digits(x: float, count: int) -> str:
+    """Return a number to some digits, without an exponent up to a million."""
+    return f"{float(f'{x:.{count}g}'):g}"
 
 
 def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:

@@ -241,10 +241,11 @@ def report(result: Result) -> Report:
 
 def _rates(result: Result) -> Matrix:
     rows: list[list[Cell | str]] = []
+    own = result.space.scenario
     for name, some in result.runs.items():
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
-        fails = "; ".join(f"{how(kind)} {failures.count(kind)}" for kind in kinds) or MISSING
+        fails = "; ".join(f"{how(kind, own)} {failures.count(kind)}" for kind in kinds) or MISSING
         margins = [run.margin for run in some if run.failure or run.margin is not None]
         margin = middle(margins, -math.inf)  # a failure without one is worse than any
         shares = (
@@ -278,7 +279,9 @@ def _worst_cases(result: Result) -> Matrix:
         moved = [(name, x) for name, x in changes_of(result.space, one.point).items()
                  if " instant " not in name and " shape" not in name]  # fmt: skip
         at = f" at {fixed(run.time, 2)} s" if run.failure == run.outcome and run.time else ""
-        outcome = Cell(how(run.failure) + at, "bad" if run.failure else "good")
+        outcome = Cell(
+            how(run.failure, result.space.scenario) + at, "bad" if run.failure else "good"
+        )
         most = ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2])
         numbers = (percent(run.margin), fixed(one.distance, 2))
         rows.append([one.controller, one.question, outcome, *numbers, most, one.file])

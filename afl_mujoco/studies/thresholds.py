@@ -264,10 +264,11 @@ def report(result: Result) -> Report:
     """Return what is shown of thresholds."""
     names = result.controllers
     on = listed([scenario.name for scenario in result.scenarios], "and")
-    failing = []
+    failing, own = [], {scenario.name: scenario for scenario in result.scenarios}
     for name in (name for name in result.bare if name not in names):
         run = next(one for one in result.runs(result.bare[name]) if one.failure)
-        failing.append(f"{name} {how(run.failure)}" + f" ({run.message})" * bool(run.message))
+        words = how(run.failure, own[run.scenario])
+        failing.append(f"{name} {words}" + f" ({run.message})" * bool(run.message))
     headline = _headline(result, names) if names else f"No controller survives {on} as it is."
     blocks: list[Block] = []
     if failing:

@@ -12,6 +12,7 @@ from afl_mujoco.control.catalogue import find_controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import label_of
+from afl_mujoco.studies.shared.tables import how
 from tests.plants.plants import known
 
 PENDULUM = afl.Plant(
@@ -92,6 +93,7 @@ def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> 
     printed, shown = str(result), {label_of(name, run.layout) for name in run.metrics}
     assert "|z − 0.5| at most 1 m" in printed and "|load_height + 0.25| at most 1 " in printed
     assert {"∫|z − 0.5| dt", "max |x|", "least load_height"} <= shown
+    assert how("max.z", scenario) == "misses “|z − 0.5| at most”"
     run.save(tmp_path / "run.npz")
     assert afl.Trajectory.load(tmp_path / "run.npz").metrics == run.metrics
 
@@ -133,3 +135,29 @@ def test_a_target_that_a_controller_cannot_have_is_refused() -> None:
     with pytest.raises(InvalidValueError, match="'lqr' balances upright: its target of phi must"):
         afl.compare(tilted, ["lqr"])
     afl.simulate_mujoco(tilted, lambda *_: 0.0)  # one of one's own knows where it goes
+
+
+ARM = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
+  <geom pos=".2 0 0" size=".05" mass="1"/></body></worldbody>
+  <actuator><motor name="big" joint="turn" ctrlrange="{0} {1}"/>
+  <motor name="small" joint="turn" {2}range="-.5 .5"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("big", "expected"), [
+    ((-9.0, 9.0), (0.2 * 9.81 - 0.25, 0.25)),  # of half of each 0.98 N m: beyond the small one
+    ((-1.5, 1.5), (0.2 * 9.81 - 0.5, 0.5)),
+    ((-1.4, 1.4), (0.1 * 9.81, 0.1 * 9.81)),  # nothing holds it
+])  # fmt: skip
+@pytest.mark.parametrize("kind", ["ctrl", "force"])
+def test_inputs_that_share_a_load_share_it_as_they_can(kind, big, expected) -> None:
+    """Limits below 1 cut off nothing of what an input does per unit."""
+    plant = afl.Plant(
+        name="arm", coordinates=("turn",), inputs=("big", "small"), upright=(0.0,),
+        model=ARM.format(*big, kind),
+    )  # fmt: skip
+    scenario = afl.Scenario(name="arm", plant=plant, duration=0.2)
+    held, _ = bound(find_controller("lqr"), scenario).gains(np.empty(0))
+    np.testing.assert_allclose(-held, expected, rtol=1e-9)
+    (remarks,) = afl.compare(scenario, "lqr").remarks.values() or [()]
+    said = "the drive of small is at its limit for 100 % of the run: the controller asks for "
+    assert any(one.startswith(said) for one in remarks) == (big[1] < 9.0)

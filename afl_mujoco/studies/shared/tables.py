@@ -42,9 +42,14 @@ ENDINGS = {
 NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
-def how(failure: str) -> str:
-    """Return how a run fails, in words: the same in every study."""
-    return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
+def how(failure: str, scenario: Scenario) -> str:
+    """Return how a run of a scenario fails, in words: the same in every study."""
+    return ENDINGS.get(failure) or f"misses “{_words(failure, scenario)}”" if failure else "passes"
+
+
+def _words(requirement: str, scenario: Scenario) -> str:
+    way, _, thing = requirement.partition(".")
+    return words_of(requirement, scenario.about(thing) if way == "max" else 0.0)
 
 
 Moving = Mapping[str, tuple[Array, Array]]
@@ -86,9 +91,7 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
 
 def asked(one: Judgement, scenario: Scenario) -> str:
     """Return what a requirement of a scenario asks for."""
-    way, _, thing = one.requirement.partition(".")
-    words = words_of(one.requirement, scenario.about(thing) if way == "max" else 0.0)
-    unit = scenario.unit_of(one.requirement)
+    words, unit = _words(one.requirement, scenario), scenario.unit_of(one.requirement)
     if one.requirement == "completes":
         return words
     return f"{words} {short(one.limit)} {unit}".rstrip()
@@ -198,7 +201,7 @@ def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
             return Cell(f"yes{share}", status)
         times = [run.time for run in runs if run.outcome != COMPLETED and run.time is not None]
         at = f" at {short(median(times), 3)} s" if times else ""
-        return Cell(f"yes{share}, else " * bool(share) + f"{how(early.outcome)}{at}", status)
+        return Cell(f"yes{share}, else " * bool(share) + f"{ENDINGS[early.outcome]}{at}", status)
     value = middle([one.value for one in judged], math.inf)  # never comes after any time
     margin = middle([one.margin for one in judged], -math.inf)
     if value is None:

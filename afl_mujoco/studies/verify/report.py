@@ -61,7 +61,9 @@ def _headline(result: Result) -> str:
     if not result.model_verified:
         said.append("model not verified: no equations")
     if missing := [run for run in result.rows if run.missed]:
-        one_of = f"{missing[0].controller} on {missing[0].scenario} {how(missing[0].failure)}"
+        first = missing[0]
+        own = next(one for one in result.scenarios if one.name == first.scenario)
+        one_of = f"{first.controller} on {first.scenario} {how(first.failure, own)}"
         said.append(f"{len(missing)} of {len(result.rows)} runs fail: {one_of}")
     named = {(run.scenario, run.controller) for run in missing}
     ended = [
