@@ -232,6 +232,16 @@ def _shows(fit: Fit, name: str) -> bool:
     return one.low > 0.0 and not one.on_bound
 
 
+def _lags(fit: Fit) -> bool:
+    """Return whether a lag shows beside the delay that is fitted with it.
+
+    The delay takes up its first moment, so that the square acts: the interval of this is tested,
+    not that of the lag, which is too narrow near zero.
+    """
+    one = fit.estimates["lag"]
+    return one.value > 2.0 * (one.high - one.value) and not one.on_bound
+
+
 class _Drive(NamedTuple):
     """Cart and drive, identified behind a known pole."""
 
@@ -266,7 +276,7 @@ class _Drive(NamedTuple):
         lagging = [one._replace(start=guess[one.name]) for one in parameters]
         other = fit_to_scatter(problem, lagging, self.starts[::every])
         progress(3, 4)
-        if not _shows(other, "lag") or not _shows(final := self._finished(known, other), "lag"):
+        if not _lags(other) or not _lags(final := self._finished(known, other)):
             final = self._finished(known, found)
         _require_determined(final)
         if not _shows(final, "gain"):

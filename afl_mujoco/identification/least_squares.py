@@ -268,22 +268,22 @@ def with_uncertainty_of(problem: Problem, fit: Fit, known: Fit) -> Fit:
 def by_cluster(problem: Problem, fit: Fit, name: str) -> list[tuple[float, float]]:
     """Return an estimate from each cluster alone, and its standard error, to first order.
 
-    The other parameters stay as fitted to all; the windows of a cluster count as independent.
+    The other parameters stay as fitted to all. Windows count as independent, and their scatter, in
+    units of what each tells, is that of all clusters: a cluster may have a single one.
     """
     at = [one.name for one in fit.parameters].index(name)
     scales = np.array([one.scale for one in fit.parameters])
     rest = problem.residuals(fit.values, fit.starts, fit.scatter)
     system = problem.reduced(fit.values, fit.starts, scales, fit.scatter, rest)
-    found = []
-    for cluster in np.unique(problem.clusters):
-        mine = problem.clusters == cluster
-        slope, rest = system.slopes[mine, :, at], system.rest[mine]
-        curvature = float(np.sum(slope**2))
-        step = -float(np.sum(slope * rest)) / curvature
-        scores = np.sum(slope * (rest + step * slope), axis=1)
-        spread = float(np.sqrt(np.sum(scores**2) * len(scores) / max(1, len(scores) - 1)))
-        found.append((float(fit.values[at]) + step, spread / curvature))
-    return found
+    slopes, clusters = system.slopes[:, :, at], problem.clusters
+    told, scores = np.sum(slopes**2, axis=1), np.sum(slopes * system.rest, axis=1)
+    groups, which = np.unique(clusters, return_inverse=True)
+    curvature = np.bincount(which, told)
+    steps = -np.bincount(which, scores) / curvature
+    left = (scores + steps[which] * told) ** 2 / np.maximum(told, np.finfo(float).tiny)
+    degrees = len(clusters) - len(groups)
+    errors = np.sqrt(left.sum() / degrees / curvature) if degrees else np.full(len(groups), np.inf)
+    return [*zip((fit.values[at] + steps).tolist(), errors.tolist(), strict=True)]
 
 
 def fitted_starts(
