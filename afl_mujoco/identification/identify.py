@@ -22,6 +22,7 @@ from afl_mujoco.identification.least_squares import (
     fit_to_scatter,
     fitted_starts,
     intervals,
+    is_better,
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut, stride_of
@@ -235,7 +236,7 @@ def _shows(fit: Fit, name: str) -> bool:
 def _lags(fit: Fit) -> bool:
     """Return whether a lag shows beside the delay that is fitted with it.
 
-    The delay takes up its first moment, so that the square acts: the interval of this is tested,
+    The delay takes up its first moment, so that its square acts: the interval of this is tested,
     not that of the lag, which is too narrow near zero.
     """
     one = fit.estimates["lag"]
@@ -276,7 +277,10 @@ class _Drive(NamedTuple):
         lagging = [one._replace(start=guess[one.name]) for one in parameters]
         other = fit_to_scatter(problem, lagging, self.starts[::every])
         progress(3, 4)
-        if not _lags(other) or not _lags(final := self._finished(known, other)):
+        final = None
+        if _lags(other) and is_better(problem, other, found):
+            final = self._finished(known, other)
+        if final is None or not _lags(final):
             final = self._finished(known, found)
         _require_determined(final)
         if not _shows(final, "gain"):

@@ -31,6 +31,7 @@ LEAST_CURVATURE = 1e-10  # of parameters scaled to 1, below which a direction is
 TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
+SURE = 0.999  # that a parameter is needed at all
 
 
 class Parameter(NamedTuple):
@@ -184,7 +185,8 @@ def fit(problem: Problem, parameters: Sequence[Parameter], starts: Array, scatte
         before = cost
         while cost == before and damping < LARGEST_DAMPING:
             ahead = np.clip(values + system.step(damping, ~stuck), low, high)
-            ahead_starts = starts + system.own_step(ahead - values, low < high)
+            own = system.own_step(ahead - values, low < high)
+            ahead_starts = starts + own / max(1.0, damping)  # they may be far off, too
             tried = problem.residuals(ahead, ahead_starts, scatter)
             if (now := _cost(tried)) < cost:
                 values, starts, rest, cost = ahead, ahead_starts, tried, now
@@ -263,6 +265,18 @@ def with_uncertainty_of(problem: Problem, fit: Fit, known: Fit) -> Fit:
     shift = np.zeros((p, len(known.values)))
     shift[free] = -_inverse(matrix[np.ix_(free, free)])[0] @ matrix[free, p:]
     return replace(fit, covariance=fit.covariance + shift @ known.covariance @ shift.T)
+
+
+def is_better(problem: Problem, fit: Fit, other: Fit) -> bool:
+    """Return whether a fit of one parameter more than another explains more than noise would.
+
+    By the likelihood ratio at the scatter of the other, at `SURE`: readings are not independent.
+    """
+    one, two = (_cost(problem.residuals(x.values, x.starts, other.scatter)) for x in (other, fit))
+    free = fit.values.size + fit.starts.size
+    degrees = max(1, int(np.count_nonzero(problem.mask)) - free)
+    beyond = float(student.ppf(0.5 + 0.5 * SURE, degrees)) ** 2
+    return bool(one - two > beyond * two / degrees)
 
 
 def by_cluster(problem: Problem, fit: Fit, name: str) -> list[tuple[float, float]]:

@@ -4,8 +4,10 @@ import pytest
 from afl_mujoco.identification.least_squares import (
     Parameter,
     Problem,
+    by_cluster,
     fit,
     fit_to_scatter,
+    is_better,
     with_uncertainty_of,
 )
 
@@ -107,3 +109,48 @@ def test_what_the_data_cannot_tell_apart_has_no_end_and_the_rest_its_interval() 
     )
     one = fit(alone, three[1:], np.ones((40, 1)), np.array([0.01]))
     assert whole.errors[2] == pytest.approx(one.errors[1], rel=0.03)
+
+
+def test_starts_that_are_far_off_are_found_too() -> None:
+    """A whole Gauss-Newton step of such a start goes too far, however small that of the rate is."""
+    times = np.linspace(0.0, 1.0, 20)
+
+    def errors(shared, starts):
+        return (np.arctan(starts) + (shared[0] - 1.0) * times)[:, None]
+
+    far = Problem(errors, errors, np.ones((1, 1, 20)), np.zeros(1, np.int64), np.ones(1))
+    found = fit(far, [parameter("rate", 1.5)], np.full((1, 1), 3.0), np.array([1e-3]))
+    assert found.values == pytest.approx([1.0], abs=0.01)
+    assert found.starts == pytest.approx(np.zeros((1, 1)), abs=0.2)
+
+
+def test_a_log_of_a_single_window_has_the_scatter_of_all_logs() -> None:
+    """Each window tells the rate by itself; its own residuals say nothing of its error."""
+    rng = np.random.default_rng(3)
+    times, noise = np.linspace(0.0, 1.0, 20), rng.normal(size=(40, 1, 20))
+
+    def errors(shared, starts):
+        return shared[0] * times + starts[:, None] - 2.0 * times - noise
+
+    logs = np.r_[np.arange(20), np.arange(10), np.arange(10)]  # of one window up to three
+    far = Problem(errors, errors, np.ones((40, 1, 20)), logs, np.ones(1))
+    found = fit(far, [parameter("rate", 1.5)], np.zeros((40, 1)), np.ones(1))
+    alone, spread = np.array(by_cluster(far, found, "rate")).T
+    expected = 1.0 / np.sqrt(np.sum((times - times.mean()) ** 2) * np.bincount(logs))
+    np.testing.assert_allclose(spread, expected, rtol=0.35)
+    assert np.std((alone - 2.0) / spread) == pytest.approx(1.0, abs=0.4)
+
+
+def test_a_parameter_more_is_better_only_where_it_explains_more_than_noise() -> None:
+    for extra, expected in ((0.0, False), (0.05, True)):
+        noise = 0.01 * np.random.default_rng(5).normal(size=(20, 1, len(T)))
+
+        def errors(shared, starts, extra=extra, noise=noise):
+            return ((shared[0] - 2.0) * T + (shared[1] - extra) * T**2 + starts)[:, None] - noise
+
+        more = Problem(errors, errors, np.ones((20, 1, len(T))), np.arange(20), np.ones(1))
+        fits = [
+            fit_to_scatter(more, [parameter("rate", 1.0), one], np.zeros((20, 1)))
+            for one in (parameter("bend", 0.0), parameter("bend", 0.0).held(0.0))
+        ]
+        assert is_better(more, *fits) == expected
