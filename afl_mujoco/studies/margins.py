@@ -302,7 +302,8 @@ def report(result: Result) -> Report:
     if r.imperfections != "none" or r.left_out:
         said = f"Imperfections of {r.scenario} that count: {r.imperfections}; "
         left = listed(r.left_out, "and") or "none"
-        said += "a delay counts in held loops only; " * ("delay" in r.imperfections)
+        only = [x for x in ("delay", "differentiated", "velocity_filter") if x in r.imperfections]
+        said += f"{' and '.join(only)} in held loops only; " * bool(only)
         blocks.append(plain(f"{said}that a linear loop cannot have: {left}."))
     if r.rows:
         plants, cells = _delays(r)

@@ -323,7 +323,7 @@ def _cell(result: Result, one: Imperfection, name: str) -> tuple[int, str]:
     if not found.applies:
         return IDLE, MISSING
     reference = result.runs(found.reference)
-    unsettled = survived(reference) and not all_settled(reference, result.scenarios)
+    unsettled = survived(reference) and not all_settled(reference)
     return grade_of(result, one, found), threshold_text(one, found.survives) + " ~" * unsettled
 
 

@@ -10,8 +10,11 @@ from scipy.linalg import expm
 
 import afl_mujoco as afl
 from afl_mujoco.control.cartpole_feedback import upright_model
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import Imperfections
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.studies.margins import HELD, Request, run
 from afl_mujoco.studies.shared import loop_margins as under_test
 from afl_mujoco.studies.shared.loop_margins import Loop
@@ -267,3 +270,57 @@ def test_the_disk_of_a_loop_that_hardly_decays_is_not_between_two_frequencies(da
     sensitivity = 1.0 / (1.0 + transfer)
     expected = 1.0 / np.abs(sensitivity - 0.5).max()
     assert found.disk == pytest.approx(expected, rel=1e-2)
+
+
+def of_speed(time, state, p):
+    """A controller that lets the cart stand wherever it comes to rest."""
+    return (p.cart_mass + p.pole_mass) * (6.5 * state[2] - 64.0 * state[1] - 29.0 * state[3])
+
+
+@pytest.mark.parametrize("hardware", [
+    {"differentiated": True}, {"velocity_filter": 0.003},
+    {"differentiated": True, "velocity_filter": 0.003, "delay": {"force": 0.004}},
+], ids=str)  # fmt: skip
+def test_where_the_cart_stands_is_no_matter_also_to_sensors_that_difference_it(hardware) -> None:
+    """Seen without its place: the loop from sample to sample is written out of five matrices."""
+    period, controller = 0.005, as_controller(of_speed)
+    r = Imperfections(control_period=period, **hardware)
+    for mass in (0.6, 0.85, 1.1, 1.6, 2.0):
+        scenario = afl.Scenario(name="s", schedule={"cart_mass": mass}, imperfections=r)
+        loop = under_test.linearize(controller, scenario)
+        (found,) = under_test.loop_margins(loop, period, r) or [None]
+        late = under_test.loop_margins(loop, period, Imperfections(control_period=period))
+        assert found is not None and late is not None
+        assert 0.5 < found.delay / late[0].delay < 1.2 and found.phase > 60.0
+        for factor, stable in ((0.99, True), (1.01, False)):
+            own = hardware | {"delay": factor * found.delay + r.of_input("delay", "force")}
+            more = Imperfections(control_period=period, **own)
+            assert (under_test.loop_margins(loop, period, more) is not None) == stable
+
+
+GAP = afl.Plant(
+    name="two", coordinates=("x", "y"), inputs=("left", "right"),
+    parameters={"mass": afl.Parameter(1.0, "kg", low=0.5, high=2.0)},
+    write=lambda p: {"body first": afl.ball(mass=p.mass, radius=0.1)},
+    model="""<mujoco><worldbody>
+      <body name="first"><joint name="x" type="slide" axis="1 0 0" damping="2"/>
+      <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body>
+      <body><joint name="y" type="slide" axis="1 0 0" damping="3"/>
+      <inertial pos="0 0 0" mass="2" diaginertia=".1 .1 .1"/></body></worldbody>
+      <actuator><motor name="left" joint="x"/><motor name="right" joint="y"/></actuator>
+      </mujoco>""",
+)  # fmt: skip
+
+
+def test_a_mode_that_neither_grows_nor_returns_is_stable_for_no_plant() -> None:
+    """A gap is held, not a place: the characteristic polynomial has a factor s for any mass."""
+
+    def gap(time, state, p):
+        u = 30.0 * (state[1] - state[0]) + 8.0 * (state[3] - state[2])
+        return u, -u
+
+    for mass in np.linspace(0.5, 2.0, 16).tolist():
+        scenario = afl.Scenario(name="s", plant=GAP, schedule={"mass": mass})
+        loop = under_test.linearize(bound(as_controller(gap), scenario), scenario)
+        assert not loop.stable and under_test.loop_margins(loop) is None
+        assert under_test.loop_margins(loop, 1e-3) is None

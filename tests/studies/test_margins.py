@@ -88,7 +88,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     found = margins.run(request._replace(axes={"cart_mass": (8.0,)}))
     assert (found.scenario, found.left_out) == ("own", ("noise.phi",))
     said = margins.report(found).blocks[0]
-    assert "count: delay = 0.004; a delay counts in held loops only; that a linear" in said
+    assert "count: delay = 0.004; delay in held loops only; that a linear" in said
     assert "loop cannot have: noise.phi" in said
 
 

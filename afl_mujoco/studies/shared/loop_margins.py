@@ -55,8 +55,6 @@ BESIDE = 10.0 ** np.linspace(-9.0, -0.5, 35)
 BEYOND = 100.0
 """Factor by which these frequencies reach below the slowest and above the fastest pole."""
 
-LEAK = 1e-5  # rate at which a coordinate returns that nothing depends on [1/s]
-
 FIRST_PERIODS, MOST_PERIODS, PARTS = 6, 100, 24
 """Periods of delay through which poles are followed, since a crossover above a third of Nyquist's
 frequency turns once within them; periods of a delay margin beyond which its part within a period is
@@ -82,8 +80,15 @@ class Loop:
 
     @property
     def stable(self) -> bool:
-        """Whether all poles lie in the left half-plane."""
-        return bool(np.linalg.eigvals(self.a - self.b @ self.k).real.max() < 0.0)
+        """Whether all poles lie in the left half-plane; one on its edge, but for rounding, not."""
+        poles = np.linalg.eigvals(self.a - self.b @ self.k)
+        return bool(poles.real.max() < -NOTHING * np.abs(poles).max())
+
+    @property
+    def idle(self) -> NDArray[np.bool_]:
+        """Which coordinates nothing depends on, among the states."""
+        several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (self.a, self.k)]
+        return np.asarray(~np.logical_or(*several) & (np.arange(len(self.a)) < self.coordinates))
 
 
 def linear_part(imperfections: Imperfections) -> Imperfections:
@@ -198,13 +203,9 @@ def loop_margins(
     """
     period, r = control_period, imperfections
     measured = period is not None and (r.differentiated or r.velocity_filter)
-    several = [np.abs(x).max(axis=0) > NOTHING * np.abs(x).max() for x in (loop.a, loop.k)]
-    first = np.arange(len(loop.a)) < loop.coordinates
-    idle = first & ~np.logical_or(*several)  # coordinates that nothing depends on
-    if measured:  # sensors that difference positions need them: they return to 0, but hardly
-        loop = replace(loop, a=loop.a - LEAK * np.diag(idle))
-    else:
-        loop = replace(loop, a=loop.a[~idle][:, ~idle], b=loop.b[~idle], k=loop.k[:, ~idle])
+    if not measured:  # sensors that difference positions need them
+        kept = ~loop.idle
+        loop = replace(loop, a=loop.a[kept][:, kept], b=loop.b[kept], k=loop.k[:, kept])
     if period is None:
         if not loop.stable:
             return None
@@ -230,13 +231,25 @@ def _held(
     a, b = held_plant(loop, period, delays)
     k = np.hstack([loop.k, np.zeros((len(loop.k), len(a) - len(loop.a)))])
     if r.differentiated or r.velocity_filter:
-        return _measured_loop(a, b, k, period, r, loop.coordinates)
+        return _without_places(*_measured_loop(a, b, k, period, r, loop.coordinates), loop)
     return a, b, k
+
+
+def _without_places(a: Array, b: Array, k: Array, loop: Loop) -> tuple[Array, Array, Array]:
+    """Return a measured loop with steps in place of idle coordinates, whose places are no matter.
+
+    Else each has a pole at 1, of which rounding says whether it is stable.
+    """
+    before = len(a) - 2 * loop.coordinates + np.flatnonzero(loop.idle)
+    to, back = np.eye(len(a)), np.eye(len(a))
+    to[np.flatnonzero(loop.idle), before], back[np.flatnonzero(loop.idle), before] = -1.0, 1.0
+    kept = ~np.isin(np.arange(len(a)), before)
+    return (to @ a @ back)[kept][:, kept], (to @ b)[kept], (k @ back)[:, kept]
 
 
 def stable_as_held(loop: Loop, period: float, r: Imperfections) -> bool:
     """Return whether a loop is stable with its inputs held for a period [s], and late."""
-    return _radius(loop, period, r) < 1.0
+    return _radius(loop, period, r) < 1.0 - NOTHING
 
 
 def _radius(loop: Loop, period: float, r: Imperfections, *more: Any) -> float:
@@ -256,7 +269,7 @@ def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about:
     from scipy.optimize import brentq
 
     def beyond(extra: float) -> float:
-        return _radius(loop, period, r, place, extra) - 1.0
+        return _radius(loop, period, r, place, extra) - (1.0 - NOTHING)
 
     whole = math.floor(about / period) if math.isfinite(about) else FIRST_PERIODS
     periods = [*range(min(whole + 1, FIRST_PERIODS))]

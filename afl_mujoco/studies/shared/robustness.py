@@ -258,10 +258,9 @@ def survived(runs: Sequence[Run]) -> bool:
     return not any(run.failure for run in runs)
 
 
-def all_settled(runs: Sequence[Run], scenarios: Scenarios) -> bool:
-    """Return whether every run survived and, where its scenario has no requirements, settled."""
-    judged = {scenario.name for scenario in scenarios if scenario.judged}
-    return survived(runs) and all(run.settled or run.scenario in judged for run in runs)
+def all_settled(runs: Sequence[Run]) -> bool:
+    """Return whether every run survived and was at rest at its end, required or not."""
+    return survived(runs) and all(run.settled for run in runs)
 
 
 def run_on(unit: SweepUnit, hardware: Hardware) -> tuple[Run, ...]:
@@ -301,7 +300,7 @@ def sweep(unit: SweepUnit) -> Swept:
             holds = Threshold(holds_at=scan[-1], fails_at=None)
             return Swept(at(one.reference), holds, holds, (), False)
     survives = threshold(lambda level: survived(at(level)), settings.scan)
-    settles = threshold(lambda level: all_settled(at(level), scenarios))
+    settles = threshold(lambda level: all_settled(at(level)))
     first = on_hardware(scenarios[0], hardware_at(one, one.reference, plant))
     (drawn, *_) = draws_of(first, random=settings.seeds)
     require_alike(controller, drawn, at(one.reference)[0], settings.deployed)
