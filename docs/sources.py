@@ -92,6 +92,6 @@ SOURCES = (
     Source("bench_batch", 3),
     Source("bench_failure_causes", 3, (str(MADE.relative_to(ROOT)),)),
     Source("bench_montecarlo", 5),
-    Source("bench_identification", 15),
+    Source("bench_identification", 20, ("--rigs", "12", "--dry", "6")),
     Source("bench_mpc", 30),  # last: it needs CasADi, which the set-up does not install
 )

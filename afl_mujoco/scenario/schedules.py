@@ -376,7 +376,7 @@ def channel_of(one: ForcePulse | Impulse, plant: Plant) -> int:
             raise UnknownNameError.among("input", one.input, plant.inputs)
         return plant.inputs.index(one.input)
     if len(plant.inputs) != 1:
-        known = ", ".join(channels_of(plant))
-        rule = f"must say its input or coordinate, for there are several: {known}"
+        inputs, others = ", ".join(plant.inputs), ", ".join(plant.coordinates)
+        rule = f"must say its input ({inputs or 'none'}) or its coordinate ({others})"
         raise InvalidValueError("disturbance", rule)
     return 0

@@ -126,7 +126,7 @@ def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -
 
 def test_the_claims_and_the_budget_stand_with_their_numbers() -> None:
     result = make_result()
-    rows = matrix(result, "Not computed by this run")
+    rows = matrix(result, "C9 to C12")
     assert [row[0].text for row in rows] == [claim.id for claim in result.claims]
     assert [row[4].text for row in rows] == [claim.verdict for claim in result.claims]
     assert [cell.text for cell in rows[2][2:4]] == ["38.03 %", "15.4 %"]

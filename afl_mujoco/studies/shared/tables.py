@@ -42,14 +42,14 @@ ENDINGS = {
 NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
-def how(failure: str, scenario: Scenario) -> str:
+def how(failure: str, scenario: Scenario | None = None) -> str:
     """Return how a run of a scenario fails, in words: the same in every study."""
     return ENDINGS.get(failure) or f"misses “{_words(failure, scenario)}”" if failure else "passes"
 
 
-def _words(requirement: str, scenario: Scenario) -> str:
+def _words(requirement: str, scenario: Scenario | None) -> str:
     way, _, thing = requirement.partition(".")
-    return words_of(requirement, scenario.about(thing) if way == "max" else 0.0)
+    return words_of(requirement, scenario.about(thing) if scenario and way == "max" else 0.0)
 
 
 Moving = Mapping[str, tuple[Array, Array]]

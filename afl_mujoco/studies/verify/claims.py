@@ -34,7 +34,7 @@ GROUPS: Mapping[str, tuple[Status, str]] = {
     REPRODUCED: ("good", "hold"),
     EVERY: ("good", "hold"),
     IN_PART: ("neutral", "in part"),
-    RANDOM: ("bad", "under some readings"),
+    RANDOM: ("bad", "not"),
     FITTED: ("open", "under some readings"),
     NOT_REPRODUCED: ("bad", "not"),
     NONE: ("bad", "not"),

@@ -117,7 +117,7 @@ def _claims(result: Result) -> Section:
         "claims",
         [
             Matrix(
-                caption="Not computed by this run: C9 to C12, and what readings say of C3 to C6",
+                caption="C9 to C12 and shares of readings: of longer computations (make claims)",
                 columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
                 rows=[
                     (one.id, one.claim, _counted(one, one.paper, 4), _counted(one, one.here, 3),
