@@ -277,10 +277,9 @@ class _Drive(NamedTuple):
         lagging = [one._replace(start=guess[one.name]) for one in parameters]
         other = fit_to_scatter(problem, lagging, self.starts[::every])
         progress(3, 4)
-        final = None
-        if _lags(other) and is_better(problem, other, found):
-            final = self._finished(known, other)
-        if final is None or not _lags(final):
+        lags = _lags(other) and is_better(problem, other, found)
+        final = self._finished(known, other if lags else found)
+        if lags and not _lags(final):
             final = self._finished(known, found)
         _require_determined(final)
         if not _shows(final, "gain"):

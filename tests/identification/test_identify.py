@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -6,7 +7,14 @@ import pytest
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.files import read_json, write_json
 from afl_mujoco.identification.description import load_description
-from afl_mujoco.identification.identify import Identified, identify, identify_pole, require_radians
+from afl_mujoco.identification.identify import (
+    Identified,
+    _lags,
+    identify,
+    identify_pole,
+    require_radians,
+)
+from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import cut, log_of, read_logs
 from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
 from afl_mujoco.studies.identify import beside
@@ -145,3 +153,15 @@ def test_missing_rows_do_not_mislead_nor_five_hundred_rows_a_second() -> None:
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], abs=5e-4), name
     shown = beside(found, logs[0])
     assert shown is not None and shown.simulated_time.shape[1] == 51
+
+
+@pytest.mark.parametrize(("value", "half", "expected"), [
+    (0.006, 0.002, True), (0.0046, 0.0025, False), (0.0, 0.0, False),
+])  # fmt: skip
+def test_a_lag_shows_by_the_interval_of_its_square(value, half, expected) -> None:
+    """Of lag^2 it is 2 lag times that of the lag: (36 +- 24) ms^2, and (21 +- 23) ms^2."""
+    lag = Estimate(
+        name="lag", title="lag", unit="s", value=value, low=value - half, high=value + half,
+        on_bound=not half,
+    )  # fmt: skip
+    assert _lags(SimpleNamespace(estimates={"lag": lag})) == expected

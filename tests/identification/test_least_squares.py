@@ -133,9 +133,9 @@ def test_a_log_of_a_single_window_has_the_scatter_of_all_logs() -> None:
         return shared[0] * times + starts[:, None] - 2.0 * times - noise
 
     logs = np.r_[np.arange(20), np.arange(10), np.arange(10)]  # of one window up to three
-    far = Problem(errors, errors, np.ones((40, 1, 20)), logs, np.ones(1))
-    found = fit(far, [parameter("rate", 1.5)], np.zeros((40, 1)), np.ones(1))
-    alone, spread = np.array(by_cluster(far, found, "rate")).T
+    few = Problem(errors, errors, np.ones((40, 1, 20)), logs, np.ones(1))
+    found = fit(few, [parameter("rate", 1.5)], np.zeros((40, 1)), np.ones(1))
+    alone, spread = np.array(by_cluster(few, found, "rate")).T
     expected = 1.0 / np.sqrt(np.sum((times - times.mean()) ** 2) * np.bincount(logs))
     np.testing.assert_allclose(spread, expected, rtol=0.35)
     assert np.std((alone - 2.0) / spread) == pytest.approx(1.0, abs=0.4)

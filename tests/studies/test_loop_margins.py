@@ -282,7 +282,7 @@ def of_speed(time, state, p):
     {"differentiated": True, "velocity_filter": 0.003, "delay": {"force": 0.004}},
 ], ids=str)  # fmt: skip
 def test_where_the_cart_stands_is_no_matter_also_to_sensors_that_difference_it(hardware) -> None:
-    """Seen without its place: the loop from sample to sample is written out of five matrices."""
+    """Rounding decided of each plant whether a pole at 1, where it stands, was a stable one."""
     period, controller = 0.005, as_controller(of_speed)
     r = Imperfections(control_period=period, **hardware)
     for mass in (0.6, 0.85, 1.1, 1.6, 2.0):

@@ -141,6 +141,15 @@ def test_what_a_controller_does_not_read_is_no_imperfection_for_it() -> None:
     assert row.rstrip().endswith("–") and "> 3000" in row  # lqr, that reads it
 
 
+def test_what_settles_is_at_rest_whether_or_not_requirements_judge_it() -> None:
+    lean = replace(CALM, duration=6.0, initial_state=(0.0, -0.2, 0.0, 0.0))
+    asked = replace(lean, requirements=afl.Requirements(max={"z": 3.0}))
+    settings = robustness.Settings(seeds=1, scan=4, tolerance=0.5)
+    free, judged = (swept("dry_friction.z", LQR, (one,), settings) for one in (lean, asked))
+    assert judged.settles == free.settles
+    assert judged.settles.fails_at < judged.survives.holds_at
+
+
 def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     """Neither one that misses a requirement without any imperfection, nor one that raises."""
 

@@ -240,9 +240,12 @@ def _without_places(a: Array, b: Array, k: Array, loop: Loop) -> tuple[Array, Ar
 
     Else each has a pole at 1, of which rounding says whether it is stable.
     """
-    before = len(a) - 2 * loop.coordinates + np.flatnonzero(loop.idle)
+    idle = np.flatnonzero(loop.idle)
+    if not idle.size:
+        return a, b, k
+    before = len(a) - 2 * loop.coordinates + idle
     to, back = np.eye(len(a)), np.eye(len(a))
-    to[np.flatnonzero(loop.idle), before], back[np.flatnonzero(loop.idle), before] = -1.0, 1.0
+    to[idle, before], back[idle, before] = -1.0, 1.0
     kept = ~np.isin(np.arange(len(a)), before)
     return (to @ a @ back)[kept][:, kept], (to @ b)[kept], (k @ back)[:, kept]
 
