@@ -156,6 +156,8 @@ def test_inputs_that_share_a_load_share_it_as_they_can(kind, big, expected) -> N
         model=ARM.format(*big, kind),
     )  # fmt: skip
     scenario = afl.Scenario(name="arm", plant=plant, duration=0.2)
+    with pytest.raises(InvalidValueError, match=r"say its input \(big, small\) or its coordinate"):
+        replace(scenario, disturbances=(afl.Impulse(momentum=1.0, time=0.1),))
     held, _ = bound(find_controller("lqr"), scenario).gains(np.empty(0))
     np.testing.assert_allclose(-held, expected, rtol=1e-9)
     (remarks,) = afl.compare(scenario, "lqr").remarks.values() or [()]
