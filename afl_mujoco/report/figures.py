@@ -230,7 +230,8 @@ def _draw_dot(axis: Axes, one: Dot, place: float, colour: str, crowded: float) -
         if ends is not None:
             axis.plot(ends, [place, place], color=colour, linewidth=width)
     face = "white" if one.hollow else colour
-    axis.plot(one.at, place, "o", color=colour, markersize=7.0, markerfacecolor=face)
+    size = 9.0 if one.hollow else 6.0  # so that a filled one is seen within
+    axis.plot(one.at, place, "o", color=colour, markersize=size, markerfacecolor=face, zorder=3)
     if one.text:
         low, high = one.thin or (one.at, one.at)
         right = high > crowded

@@ -42,9 +42,9 @@ from afl_mujoco.studies.shared.run import Rows, Run
 from afl_mujoco.values import require_positive
 
 GRID, QUICK_GRID, MOST_GRID = 41, 11, 1001  # number of starts along each axis, and the most
-WORDS = ("passes", "falls or diverges", "passes, but does not settle", "misses a requirement",
-         "controller fails")  # fmt: skip
-"""How a run from a start ends; without requirements to pass is to survive."""
+WORDS = ("ends at rest", "falls or diverges", "survives, but is not at rest at the end",
+         "misses a requirement", "controller fails")  # fmt: skip
+"""How a run from a start ends; where there are requirements, the first is to pass them."""
 
 COLOURS = ("#56B4E9", "#D55E00", "#F0E442", "#CC79A7", "#000000")
 GOOD, FALLEN, UNSETTLED, MISSED, FAILED = range(5)
@@ -58,8 +58,8 @@ class Options:
 
     One run for each start of a grid over two states, by default the last coordinate and its rate,
     with the scenario's schedules, disturbances and imperfections. A start counts if the
-    requirements are met from it or, if there are none, the run settles. Writes attraction.json and
-    a figure. A full run takes about five minutes on two cores.
+    requirements are met from it or, if there are none, the run ends at rest. Writes
+    attraction.json and a figure. A full run takes about five minutes on two cores.
     """
 
     scenario: ScenarioName = "step-step"
@@ -157,18 +157,23 @@ class Result:
         """Number of starts of the map."""
         return len(self.angles) * len(self.rates)
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """How a run ends, by its kind."""
+        return ("passes", *WORDS[1:]) if self.scenario.judged else WORDS
+
     def runs(self, controller: str) -> list[Run]:
         """Return the runs of a controller, the last from the scenario's own start."""
         first = self.controllers.index(controller) * (self.starts + 1)
         return list(self.rows[first : first + self.starts + 1])
 
     def kinds(self, controller: str) -> NDArray[np.int_]:
-        """Return how the runs of a controller end, indices into `WORDS`, shape (rates, angles)."""
+        """Return how the runs of a controller end, indices into `words`, shape (rates, angles)."""
         found = [self.kind(run) for run in self.runs(controller)[:-1]]
         return np.array(found).reshape(len(self.rates), len(self.angles))
 
     def kind(self, run: Run) -> int:
-        """Return how a run ended, an index into `WORDS`."""
+        """Return how a run ended, an index into `words`."""
         judged = self.scenario.judged
         if run.failure or not (judged or run.outcome == COMPLETED):
             fallen = {FELL: FALLEN, DIVERGED: FALLEN, CONTROLLER_FAILED: FAILED}
@@ -195,10 +200,10 @@ def report(result: Result) -> Report:
     maps = {name: result.kinds(name) for name in result.controllers}
     shares = {name: float((kinds == GOOD).mean()) for name, kinds in maps.items()}
     present = [k for k in range(len(WORDS)) if any((kinds == k).any() for kinds in maps.values())]
-    rows: list[list[Cell | str]] = []
+    words, rows = result.words, list[list[Cell | str]]()
     for name, kinds in maps.items():
         own = result.runs(name)[-1]
-        word = WORDS[result.kind(own)]
+        word = words[result.kind(own)]
         counts = [fixed(100.0 * float((kinds == k).mean()), 1) for k in present]
         rows.append([name, *counts, Cell(word, "bad" if own.failure else "good")])
     units, axes = result.scenario.plant.units, (result.angles, result.rates)
@@ -220,7 +225,7 @@ def report(result: Result) -> Report:
             ),
             Matrix(
                 caption=f"How the runs end, in % of {result.starts} starts",
-                columns=["Controller", *(WORDS[k] for k in present), "From its own start"],
+                columns=["Controller", *(words[k] for k in present), "From its own start"],
                 rows=rows,
             ),
         ],
@@ -258,7 +263,9 @@ def _draw(result: Result, maps: Mapping[str, NDArray[np.int_]], present: Sequenc
     for label, name in zip((figure.supxlabel, figure.supylabel), result.axes, strict=True):
         unit = result.scenario.plant.units[name]
         label(f"{symbol(name)} at the start [{unit}]", fontsize=9)
-    handles = [Patch(facecolor=COLOURS[k], edgecolor="#707070", label=WORDS[k]) for k in present]
+    handles = [
+        Patch(facecolor=COLOURS[k], edgecolor="#707070", label=result.words[k]) for k in present
+    ]
     figure.legend(handles=handles, loc="outside upper center", ncols=3)
     return figure
 

@@ -401,13 +401,14 @@ def _shown(result: Result, number: int, scenario: Scenario) -> list[Block]:
     if curves := result.curves_on(scenario):
         endings = {name: some[0].ending for name, some in draws.items()}
         moving = {name: (one.time, one.state) for name, one in curves.items()}
+        first = " The first of the draws." * any(len(some) > 1 for some in draws.values())
         blocks += [
-            replay(f"compare-{number}", scenario, moving, endings),
+            replay(f"compare-{number}", scenario, moving, endings, first),
             Figure(
                 name=f"compare-{number}",
                 title=f"{scenario.name} over time",
                 caption="Dashed: limits; grey along the curves: bands of rest; grey across: "
-                "disturbances; pale: the command. Of several draws, the first.",
+                f"disturbances; pale: the command.{first}",
                 draw=partial(draw_responses, scenario, curves),
             ),
         ]

@@ -133,7 +133,7 @@ class Result:
     space: SampleSpace  # that the samples are drawn from
     rows: Rows  # every run, controller by controller; its draw is the number of the sample
     asked: Mapping[str, str]  # by controller, the name by which it was asked for
-    # by controller, shares of the runs that pass and that settle, with exact 95 % intervals
+    # by controller, shares of the runs that pass and that end at rest, with exact 95 % intervals
     rates: Mapping[str, Mapping[str, tuple[float, float, float]]]
     worst_cases: tuple[Worst, ...] = ()  # none if nothing was searched
     assumed: bool = False  # whether the scenario does not say what varies
@@ -142,6 +142,11 @@ class Result:
     def runs(self) -> dict[str, list[Run]]:
         """The runs by controller."""
         return {name: [run for run in self.rows if run.controller == name] for name in self.asked}
+
+    @property
+    def passes(self) -> str:
+        """The word for a run that did not fail."""
+        return "passes" if self.space.scenario.judged else "survives"
 
     @property
     def samples(self) -> int:
@@ -214,20 +219,20 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
 
 def report(result: Result) -> Report:
     """Return what is shown of samples and searches."""
-    ours = subject_of(list(result.asked))
+    ours, passes = subject_of(list(result.asked)), result.passes
     shares = {
         name: [percent(rates[key][0], 3) for key in ("passes", "settles")]
         for name, rates in result.rates.items()
     }
     said = [
-        f"{name} passes {passes} and settles on {settles}"
-        for name, (passes, settles) in sorted(shares.items(), key=lambda one: one[0] != ours)
+        f"{name} {passes} {passed} and ends at rest on {rested}"
+        for name, (passed, rested) in sorted(shares.items(), key=lambda one: one[0] != ours)
     ]
     blocks: list[Block] = [
         Figure(
             name="montecarlo-rates",
-            title=f"How often each controller passes and settles on {result.samples} samples",
-            caption="Filled: passes; hollow: settles; with exact 95 % intervals.",
+            title=f"How often each controller {passes} and ends at rest, {result.samples} samples",
+            caption=f"Filled: {passes}; hollow: ends at rest; with exact 95 % intervals.",
             draw=partial(_draw_rates, result),
         ),
         _rates(result),
@@ -255,7 +260,13 @@ def _rates(result: Result) -> Matrix:
         rows.append([name, *shares, MISSING if margin is None else percent(margin), fails])
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals",
-        columns=["Controller", "Passes [%]", "Settles [%]", "Median margin", "How it fails"],
+        columns=[
+            "Controller",
+            f"{result.passes.capitalize()} on [%]",
+            "Ends at rest on [%]",
+            "Median margin",
+            "How it fails",
+        ],
         rows=rows,
     ).filled
 
@@ -267,7 +278,8 @@ def _draw_rates(result: Result) -> Any:
     for name, rates in result.rates.items():
         for word, found in rates.items():
             share, low, high = (100.0 * x for x in found)
-            text, hollow = f"{word} {share:.1f} %", word == "settles"
+            hollow = word == "settles"
+            text = f"{'ends at rest' if hollow else result.passes} {share:.1f} %"
             rows[name].append(Dot(at=share, thin=(low, high), text=text, hollow=hollow))
     return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
 
@@ -302,7 +314,7 @@ def _messages(result: Result) -> Iterator[str]:
         )
     for name, runs in result.runs.items():
         if all(run.failure for run in runs):
-            yield f"{name} passes no sample, so that there is none harder to search for."
+            yield f"{name} {result.passes} on no sample: there is none harder to search for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
     lines = [

@@ -284,7 +284,7 @@ def report(result: Result) -> Report:
             "thresholds",
             f"Level at which each controller fails on {on}",
             f"Found to {percent(result.settings.tolerance, 3)}."
-            + " ~: does not settle on the reference hardware." * unsettled,
+            + " ~: not at rest at the end on the reference hardware." * unsettled,
             ["Imperfection", *names],
             cells,
             GRADES,

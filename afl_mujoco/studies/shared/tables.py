@@ -56,14 +56,15 @@ Moving = Mapping[str, tuple[Array, Array]]
 """Instants [s] and states by controller."""
 
 
-def replay(name: str, scenario: Scenario, runs: Moving, endings: Mapping[str, str]) -> Replay:
+def replay(
+    name: str, scenario: Scenario, runs: Moving, endings: Mapping[str, str], first: str = ""
+) -> Replay:
     """Return runs that a page replays, and how each ended."""
     early = {name: words for name, words in endings.items() if words != COMPLETED}
     return Replay(
         name=name,
         title=f"{scenario.name} as it moves",
-        caption="In MuJoCo as deployed; of several draws, the first. Space plays and pauses, the "
-        "arrows step.",
+        caption=f"In MuJoCo as deployed.{first}",
         compute=partial(_replayed, scenario, runs, early),
     )
 

@@ -64,7 +64,10 @@ def _headline(result: Result) -> str:
         first = missing[0]
         own = next(one for one in result.scenarios if one.name == first.scenario)
         one_of = f"{first.controller} on {first.scenario} {how(first.failure, own)}"
-        said.append(f"{len(missing)} of {len(result.rows)} runs fail: {one_of}")
+        values = [x.value for x in first.requirements if x.requirement == first.failure]
+        value = f" ({short(values[0], 3)})" if values and values[0] is not None else ""
+        wrong = f"{len(missing)} of {len(result.rows)} runs fail: {one_of}{value}"
+        said.insert(0 if result.failed_checks == [] else 1, wrong)  # what fails stands first
     named = {(run.scenario, run.controller) for run in missing}
     ended = [
         run
@@ -148,6 +151,7 @@ def _draw_claims(result: Result) -> Any:
     from afl_mujoco.report.figures import BLUE, GREY, ORANGE, VERMILION, Dot, dots
 
     colours = {"good": BLUE, "neutral": ORANGE, "bad": VERMILION, "open": GREY}
+    words = {"good": "holds", "neutral": "holds in part", "bad": "does not hold", "open": "is open"}
     rows: dict[str, list[Dot]] = {}
     shades = {}
     for one in result.claims:
@@ -156,14 +160,15 @@ def _draw_claims(result: Result) -> Any:
             ends = (min(paper + here), max(paper + here)) if paper and here else None
             found = result.random_schedules.get("published") if one.id == "C9" else None
             low, high = (100.0 * end for end in found.interval) if found else (0.0, 0.0)
-            name = f"{one.id}: {fixed(one.paper, 1)} % in the paper, {fixed(one.here, 1)} % here"
-            shades[name] = colours[GROUPS[kind(one.verdict)][0]]
+            status = GROUPS[kind(one.verdict)][0]
+            name = f"{one.id} {words[status]}: paper {fixed(one.paper, 1)} %"
+            name += f", here {fixed(one.here, 1)} %"
+            shades[name] = colours[status]
             rows[name] = [
-                *(Dot(at=x, thin=ends, thick=(low, high) if found else None) for x in here),
                 *(Dot(at=x, hollow=True) for x in paper),
+                *(Dot(at=x, thin=ends, thick=(low, high) if found else None) for x in here),
             ]
-    label = "the claim's quantity [%]; blue holds, orange in part, red not, grey open"
-    return dots(rows, label, line=0.0, colour_of=shades, spread=0.0)
+    return dots(rows, "the claim's quantity [%]", line=0.0, colour_of=shades, spread=0.0)
 
 
 def _counted(claim: Claim, value: float | None, digits: int) -> str:
