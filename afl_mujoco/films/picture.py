@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -176,7 +177,8 @@ def _numbers(
         texts.append(Text(x, height - 52 * s, label, 16 * s, QUIET))
         texts.append(Text(x, height - 20 * s, value, 24 * s, mono=True))
     said = [one for one in (replay.ended(index), replay.verdict if ending else "") if one]
-    lines = enumerate(said)
+    most = max(8, int((width / s - 56) / (17 * LETTER)))
+    lines = enumerate(line for one in said for line in wrap(one, most))
     return [
         *texts,
         *(Text(28 * s, (104 + 24 * k) * s, x, 17 * s, WARNING) for k, x in lines),
