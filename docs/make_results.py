@@ -2,8 +2,9 @@
 
     python docs/make_results.py [NAME ...] [--cheap] [--check] [--list]
 
-With --check nothing is kept: the numbers of the pages are compared with those of the new results,
-and the exit code is 1 where one has moved by more than ``numbers.toml`` allows.
+With --check no result is kept: the numbers of the pages are compared with those of the new results,
+and the exit code is 1 where one has moved by more than ``numbers.toml`` allows, or where an example
+prints another line.
 """
 
 from __future__ import annotations
@@ -67,7 +68,8 @@ def _write_output(source: Source, folder: Path) -> None:
     made_by = ", ".join(f"{name} {number}" for name, number in versions().items())
     text = f"$ {source.command}\n{ended.stdout.strip()}\n\n{made_by}, {os.cpu_count()} cores\n"
     (folder / source.file).write_text(text, encoding="utf-8")
-    if (picture := ROOT / "renders" / f"{source.name}.png").is_file():
+    picture = ROOT / "renders" / f"{source.name}.png"
+    if folder == RESULTS and picture.is_file():
         shutil.copy(picture, DOCS / "img")
 
 
@@ -76,9 +78,18 @@ def moved(before: Content, now: Content, names: Sequence[str]) -> list[str]:
     return [
         f"{group}.{name} was {was}, is {now.numbers[group][name]}"
         for group in names
-        for name, was in before.numbers[group].items()
+        for name, was in before.numbers.get(group, {}).items()
         if was.moved_to(now.numbers[group][name])
     ]
+
+
+def other_lines(source: Source, folder: Path) -> list[str]:
+    """Return the lines of an example that it no longer prints so; the last has the versions."""
+    was, now = (
+        (place / source.file).read_text(encoding="utf-8").splitlines()[:-1]
+        for place in (RESULTS, folder)
+    )
+    return [f"{source.name} printed {line!r}" for line in was if line not in now]
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,7 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for source in SOURCES
         if (source.cheap or not options.cheap)
         and source.name in (options.names or names)
-        and not (options.check and source.script)  # times differ from machine to machine
+        and not (options.check and source.timed)
     ]
     if not chosen:
         parser.error("nothing is left to do: output is not compared, and not all is cheap")
@@ -114,7 +125,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return 0
         compared, before = [source.name for source in chosen], Content()
         found = moved(before, Content(folder), compared)
-    how_many = sum(len(before.numbers[name]) for name in compared)
+        found += [line for one in chosen if one.script for line in other_lines(one, folder)]
+    how_many = sum(len(before.numbers.get(name, {})) for name in compared)
     print("\n".join(found) or f"none of {how_many} numbers moved by more than its uncertainty")
     return 1 if found else 0
 
