@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
-from afl_mujoco.identification.description import Description
+from afl_mujoco.identification.description import UNITS, Description
 from afl_mujoco.identification.least_squares import (
+    SIGMA,
     Errors,
     Estimate,
     Fit,
@@ -53,7 +54,11 @@ NOISY = 2.0
 is fastest in a position cancels, so that its noise drives the pole least: any noise pulls the
 estimate to there, however little of a compliance there is."""
 
+FORGOTTEN = 5.0  # lags after which a drive has forgotten a command to 0.7 %
+
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
+
+LEFT = 0.5  # share of the angle's movement within windows that no fit may leave: good ones 0.01
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
@@ -118,15 +123,16 @@ def identify(
     progress: Progress = lambda done, total: None,
 ) -> Identified:
     """Identify a cart-pole from its logs."""
-    require_radians(logs, description)
+    require_units(logs, description)
     windows = windows_of(logs)
     progress(0, 4)
     drive = None
     try:
-        first, starts = identify_pole(windows, description)
-        progress(1, 4)
-        if any(np.ptp(log.command) > 0.0 for log in logs):
-            drive = _Drive(windows, description, first, starts, workers).identify(progress)
+        with np.errstate(over="ignore", invalid="ignore"):  # guesses may be far off
+            first, starts = identify_pole(windows, description)
+            progress(1, 4)
+            if any(np.ptp(log.command) > 0.0 for log in logs):
+                drive = _Drive(windows, description, first, starts, workers).identify(progress)
     except np.linalg.LinAlgError:
         rule = "do not determine a cart-pole: check units, signs and nominal values"
         raise InvalidValueError("logs", rule) from None
@@ -176,6 +182,7 @@ def identify_pole(windows: Windows, description: Description) -> tuple[Fit, Arra
         lambda own: problem.residuals(guess, own, far), w.starts[:, [1, 3]], pole.START_SCALE
     )
     found = fit_to_scatter(problem, parameters, starts)
+    _require_a_pole(found, w, description)
     _require_determined(found)
     if not _compliant(found, w):
         at = zip(parameters, found.values.tolist(), strict=True)
@@ -206,10 +213,30 @@ def _compliant(found: Fit, windows: Windows) -> bool:
     return one.high < 0.0 or one.low > NOISY * (spacing / np.pi) ** 2
 
 
+def _require_a_pole(found: Fit, windows: Windows, description: Description) -> None:
+    """Raise if the fit leaves as much of the angle's movement as it explains, or lacks its zero."""
+    d = description
+    turned = np.where(windows.valid > 0.0, windows.phi + 2.0 * np.pi * windows.turns, np.nan)
+    away = np.abs(turned - np.nanmedian(turned, axis=1, keepdims=True))
+    left = float(found.scatter[0] / (SIGMA * np.nanmedian(away)))
+    if not left < LEFT:
+        raise InvalidValueError(
+            "logs",
+            f"must move as a pole on a cart does: check units and signs of {d.phi.column} and "
+            f"{d.z.column}, the zero of {d.phi.column}, and the pole's length",
+            f"a fit that leaves {min(left, 1.0):.0%} of the angle's movement",
+        )
+    zero = found.estimates["angle_offset"]
+    if zero.on_bound:
+        rule = "must be the reading of the upright pole, within half a radian"
+        got = f"one that is {abs(zero.value):.2g} rad or more off, as gravity tells"
+        raise InvalidValueError(f"zero of {d.phi.column}", rule, got)
+
+
 def _require_determined(found: Fit) -> None:
     """Raise if the logs hold nothing by which some parameters could be told."""
     pairs = zip(found.parameters, found.errors, strict=True)
-    if unknown := [one.title for one, error in pairs if np.isinf(error)]:
+    if unknown := [one.title for one, error in pairs if not np.isfinite(error)]:
         raise InvalidValueError("logs", f"must move enough to tell {' and '.join(unknown)}")
 
 
@@ -317,6 +344,15 @@ class _Drive(NamedTuple):
         )
         return Problem(exact, soft, mask, w.log, rig.START_SCALE)
 
+    def _settled(self, guess: Fit) -> NDArray[np.bool_]:
+        """Return the windows that no command before its log acts on behind a lag, shape (B,).
+
+        That command is not known, and as long as it acts a lag looks like a delay.
+        """
+        lag, kept = guess.by_name["lag"], np.ones(self.windows.count, np.bool_)
+        settled = self.windows.time[:, 0] >= guess.by_name["delay"] + FORGOTTEN * lag
+        return settled if lag > 0.0 and settled.mean() >= LEAST_SHARE else kept
+
     def _finished(self, known: Mapping[str, float], guess: Fit) -> Fit:
         """Fit all windows from a first guess; parameters on a bound stay there."""
         found = guess.estimates.values()
@@ -324,9 +360,10 @@ class _Drive(NamedTuple):
             one.held(x.value) if x.on_bound else one._replace(start=x.value)
             for one, x in zip(self._parameters, found, strict=True)
         ]  # fmt: skip
-        fine = replace(self.windows, step=self.windows.step / FINER)
+        kept = self._settled(guess)
+        fine = replace(self.windows.where(kept), step=self.windows.step / FINER)
         problem = self._problem(fine, parameters, known)
-        final = fit_to_scatter(problem, parameters, self.starts)
+        final = fit_to_scatter(problem, parameters, self.starts[kept])
         _require_one_rig(problem._replace(errors=problem.smooth), final, "gain", fine)
         every = self._problem(fine, [*parameters, *self.pole.parameters], {})
         return with_uncertainty_of(every, final, self.pole)
@@ -387,30 +424,57 @@ def _physical(steps: Sequence[Fit], description: Description) -> tuple[Estimate,
     return tuple(intervals(named, known, np.sqrt(variance), on_bound, degrees).values())
 
 
-def require_radians(logs: Sequence[Log], description: Description) -> None:
-    """Raise if gravity shows that the angle has another unit than the description says.
+def require_units(logs: Sequence[Log], description: Description) -> None:
+    """Raise if angle or position have another unit than the description says, as gravity tells.
 
-    The second derivative of the angle is compared with the sine of the angle, taken in radians and
-    in degrees: if the readings swing far, only one of the two fits.
+    The second derivative of the angle is compared with the sine of the angle and the acceleration
+    of the cart: if the readings swing far, only one unit of each fits.
     """
-    fits = {x: _share_explained(logs, x) for x in (1.0, np.pi / 180.0, 180.0 / np.pi)}
-    best = max(fits, key=lambda factor: fits[factor])
-    if best != 1.0 and fits[best] > fits[1.0] + 0.2:
-        rule = f"must be {'deg' if best < 1.0 else 'rad'!r} according to gravity, which then "
-        rule += f"explains {fits[best]:.0%} of the curvature instead of {fits[1.0]:.0%}"
-        raise InvalidValueError(
-            f"unit of {description.phi.column}", rule, repr(description.phi.unit)
-        )
+    d = description
+    own = UNITS["phi"][d.phi.unit]
+    fits = {unit: _curvature(logs, si / own) for unit, si in UNITS["phi"].items()}
+    best, here = max(fits, key=lambda unit: fits[unit].share), fits[d.phi.unit]
+    most = fits[best].share
+    if most > TOLD and most > here.share + MORE:
+        rule = f"must be {best!r} according to gravity, which then explains {most:.0%} of the "
+        rule += f"curvature instead of {here.share:.0%}"
+        raise InvalidValueError(f"unit of {d.phi.column}", rule, repr(d.phi.unit))
+    if here.share > TOLD and here.share > 1.0 - TOLD * (1.0 - here.by_gravity):
+        coupling = abs(here.coupling) * d.nominal.gravity * UNITS["z"][d.z.unit]
+        far = {unit: abs(np.log10(coupling / si)) for unit, si in UNITS["z"].items()}
+        nearest = min(far, key=lambda unit: far[unit])
+        if nearest != d.z.unit and far[nearest] < NEAR:
+            rule = f"must be {nearest!r}, as the cart moves the pole"
+            raise InvalidValueError(f"unit of {d.z.column}", rule, repr(d.z.unit))
 
 
-def _share_explained(logs: Sequence[Log], factor: float) -> float:
-    left, curvature = [], []
+TOLD, MORE = 0.5, 0.2
+"""Share of the angle's curvature that has to be explained to tell a unit of it, of what gravity
+leaves of it for one of the position; and how much more than by the unit of the description."""
+NEAR = 0.5  # how near a unit must be to be named, in powers of ten
+
+
+class _Curvature(NamedTuple):
+    share: float  # explained by gravity and the cart, and by gravity alone
+    by_gravity: float
+    coupling: float  # by the cart's acceleration, relative to that by gravity
+
+
+def _curvature(logs: Sequence[Log], factor: float) -> _Curvature:
+    """Explain the curvature of the angle, readings times a factor, where no row is lost."""
+    left, curvature = [np.empty((0, 2))], [np.empty(0)]
     for log in logs:
-        angle, t = np.unwrap(factor * log.phi), log.time
-        inner = np.flatnonzero(log.valid[:-2] & log.valid[1:-1] & log.valid[2:]) + 1
-        h = 0.5 * (t[inner + 1] - t[inner - 1])
-        bent = [(x[inner + 1] - 2.0 * x[inner] + x[inner - 1]) / h**2 for x in (angle, log.z)]
+        n, known = stride_of(log.period), log.valid
+        at = np.flatnonzero(log.slots[2 * n :] - log.slots[: -2 * n] == 2 * n) + n
+        at = at[known[at - n] & known[at] & known[at + n]]
+        angle, h = np.unwrap(factor * log.phi), n * log.period
+        bent = [(x[at + n] - 2.0 * x[at] + x[at - n]) / h**2 for x in (angle, log.z)]
         curvature.append(bent[0])
-        left.append(np.stack([np.sin(angle[inner]), bent[1] * np.cos(angle[inner])], axis=1))
+        left.append(np.stack([np.sin(angle[at]), bent[1] * np.cos(angle[at])], axis=1))
     y, x = np.concatenate(curvature), np.concatenate(left)
-    return explained(y - x @ np.linalg.lstsq(x, y, rcond=None)[0], y)
+    if not y.any():
+        return _Curvature(0.0, 0.0, 1.0)
+    gravity, cart = np.linalg.lstsq(x, y, rcond=None)[0]
+    alone = np.linalg.lstsq(x[:, :1], y, rcond=None)[0]
+    shares = explained(y - x @ [gravity, cart], y), explained(y - x[:, :1] @ alone, y)
+    return _Curvature(*shares, float(cart / gravity) if gravity else np.inf)

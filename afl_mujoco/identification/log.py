@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -190,7 +191,15 @@ def _stamps(stamps: Floats, description: Description) -> tuple[Floats, NDArray[n
         raise InvalidValueError(f"time between rows ({d.time.column})", rule, f"{period:g} s")
     slots = _slots(time, period, 0.0, FOLLOWED)
     slope, origin = np.polyfit(slots, time, 1)
-    return time, _slots(time, float(slope), float(origin), 0.25 * FOLLOWED), period
+    slots = _slots(time, float(slope), float(origin), 0.25 * FOLLOWED)
+    every = np.arange(len(time))  # strong jitter looks like lost rows, which fit worse
+    return time, min(every, slots, key=lambda one: _clock(time, one)[1]), period
+
+
+def _clock(time: Floats, slots: NDArray[np.int64]) -> tuple[float, float]:
+    """Return the period of a regular clock, and the scatter of time stamps about it [s]."""
+    slope, origin = np.polyfit(slots, time, 1)
+    return float(slope), float(np.std(time - (origin + slope * slots)))
 
 
 def _slots(time: Floats, period: float, clock: float, followed: float) -> NDArray[np.int64]:
@@ -215,12 +224,11 @@ def _slots(time: Floats, period: float, clock: float, followed: float) -> NDArra
 
 def _on_its_clock(log: Log) -> Log:
     """Return a log on the clock of its device: regular, unless its readings follow the stamps."""
-    slope, origin = np.polyfit(log.slots, log.time, 1)
-    jitter = float(np.std(log.time - (origin + slope * log.slots)))
-    regular = np.asarray(slope * log.slots, dtype=np.float64)
+    period, jitter = _clock(log.time, log.slots)
+    regular = np.asarray(period * log.slots, dtype=np.float64)
     if jitter > JITTER * log.period and _smoother(log, log.time) < _smoother(log, regular):
         return replace(log, jitter=jitter)
-    return replace(log, time=regular, period=float(slope), jitter=jitter)
+    return replace(log, time=regular, period=period, jitter=jitter)
 
 
 def _smoother(log: Log, time: Floats) -> float:
@@ -343,9 +351,13 @@ class Windows:
 
     def some(self, every: int = 1, rows: int | None = None) -> Windows:
         """Return every n-th window, with n = `every`, and so many of its rows."""
+        return self.where(slice(None, None, every), rows)
+
+    def where(self, kept: Any, rows: int | None = None) -> Windows:
+        """Return some windows, by an index, and so many of their rows."""
         names = ("time", "phi", "turns", "z", "there", "valid")
-        found = {name: getattr(self, name)[::every, :rows] for name in names}
-        return replace(self, log=self.log[::every], starts=self.starts[::every], **found)
+        found = {name: getattr(self, name)[kept, :rows] for name in names}
+        return replace(self, log=self.log[kept], starts=self.starts[kept], **found)
 
     @property
     def steps(self) -> int:

@@ -175,7 +175,7 @@ BAND = 26  # number of horizons up to half a second at which the band of a predi
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Judge the model on the recordings; the result does not depend on the workers."""
-    from afl_mujoco.identification.identify import require_radians
+    from afl_mujoco.identification.identify import require_units
     from afl_mujoco.identification.prediction import (
         errors_of,
         predicted_by_pole,
@@ -186,7 +186,7 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     logs, identified, draws, seed = request
     d, values, p = identified.description, identified.values, protocol()["prediction"]
     horizons = p["horizons"]
-    require_radians(logs, d)
+    require_units(logs, d)
     progress("judging", 0, 3)
     terms = _terms(logs, identified)
     starts = starts_of(logs, p["past"], max(horizons), p["every"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,9 +15,9 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import remove_file, require_no_folder, write_json
 from afl_mujoco.identification.description import Description
 from afl_mujoco.identification.identify import Identified
-from afl_mujoco.identification.least_squares import FEW_CLUSTERS
+from afl_mujoco.identification.least_squares import FEW_CLUSTERS, Estimate
 from afl_mujoco.identification.log import Log
-from afl_mujoco.report.blocks import Block, Figure, Matrix, Report, percent, short
+from afl_mujoco.report.blocks import MISSING, Block, Figure, Matrix, Report, percent, short
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
 from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_log, shown_of
 
@@ -104,9 +105,34 @@ def report(result: Result) -> Report:
         )
         blocks.append(figure)
     blocks.append(_estimates(one))
-    if one.drive is None:
-        blocks.append("The command is constant in every log: cart and drive cannot be identified.")
+    blocks += _remarks(one)
     return Report(headline=headline, blocks=blocks)
+
+
+NOT_LINEAR = 2.0
+"""Times what the pole leaves of the angle that the whole may leave: its drive is taken as linear in
+the command."""
+SLOW = 0.15
+"""Time between rows, in time constants of the pole, beyond which intervals are too narrow: between
+rows a held command moves the cart in a way that no interpolation of its readings follows."""
+
+
+def _remarks(one: Identified) -> list[Block]:
+    """Say what the estimates do not show of the logs."""
+    slow = one.period * math.sqrt(one.find("gravity_term").value)
+    said: list[Block] = [
+        f"Rows are {short(1e3 * one.period, 3)} ms apart, which is slow for this pole: the "
+        "intervals of skew, dry friction of the hinge, compliance, k, delay and lag are too narrow."
+    ] * (slow > SLOW)
+    if one.drive is None:
+        said.append("The command is constant in every log: cart and drive cannot be identified.")
+    elif (times := one.drive.scatter_phi / one.pole.scatter_phi) > NOT_LINEAR:
+        said.append(
+            f"The whole leaves {short(times, 2)} times as much of the angle as the pole alone: the "
+            "drive is not as modelled, which has neither a dead zone nor a saturation, and the "
+            "estimates of cart and drive may be far off."
+        )
+    return said
 
 
 def _estimates(one: Identified) -> Matrix:
@@ -117,17 +143,34 @@ def _estimates(one: Identified) -> Matrix:
     }  # fmt: skip
     few = "; the intervals are too narrow: too few logs" * (len(one.logs) < FEW_CLUSTERS)
     found = [x for step in one.steps for x in step.estimates]
+    d, steps = one.description, zip(("pole alone", "whole"), one.steps, strict=False)
+    left = [
+        [f"scatter left of the {signal}, {step}", unit, short(sensor.count), short(x), MISSING]
+        for step, fit in steps
+        for signal, unit, sensor, x in (("angle", "rad", d.phi, fit.scatter_phi),
+                                        ("position", "m", d.z, fit.scatter_z))
+        if x is not None
+    ]  # fmt: skip
     return Matrix(
         caption=f"From {len(one.logs)} logs, {percent(one.share, 3)} of their "
         f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
         columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
         rows=[
-            [x.title, x.unit, short(given.get(x.name)), short(x.value),
-             "on its bound" if x.on_bound else f"{short(x.low)} to {short(x.high)}"]
-            for x in (*found, *one.physical)
-            if not x.name.startswith(("sin_", "cos_"))  # harmonics of the linearity
+            *([x.title, x.unit, short(given.get(x.name)), short(x.value, digits),
+               "on its bound" if x.on_bound
+               else f"{short(x.low, digits)} to {short(x.high, digits)}"]
+              for x in (*found, *one.physical)
+              for digits in (_digits(x),)
+              if not x.name.startswith(("sin_", "cos_"))),  # harmonics of the linearity
+            *left,
         ],
     )  # fmt: skip
+
+
+def _digits(one: Estimate) -> int:
+    """Return with how many digits the ends of an interval differ in two."""
+    width, size = one.high - one.low, max(abs(one.low), abs(one.high))
+    return max(4, 2 + math.ceil(math.log10(size / width))) if width > 0.0 else 4
 
 
 def require_files(folder: Path) -> None:

@@ -9,15 +9,17 @@ from afl_mujoco.files import read_json, write_json
 from afl_mujoco.identification.description import load_description
 from afl_mujoco.identification.identify import (
     Identified,
+    _curvature,
+    _Drive,
     _lags,
     identify,
     identify_pole,
-    require_radians,
+    require_units,
 )
 from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import cut, log_of, read_logs
 from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
-from afl_mujoco.studies.identify import beside
+from afl_mujoco.studies.identify import Result, beside, report
 from tests.coulomb_rig import RIGS, description_of
 from tests.synthetic_logs import Truth, swing
 
@@ -70,18 +72,62 @@ def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
     assert_found(found, "gravity_term")
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("rad", 180.0 / np.pi), ("deg", np.pi / 180.0)])
-def test_gravity_tells_degrees_from_radians(unit: str, factor: float) -> None:
+@pytest.mark.parametrize(("units", "phi", "z", "said"), [
+    (("rad", "m"), 180.0 / np.pi, 1.0, "unit of phi must be 'deg' according to gravity"),
+    (("deg", "m"), np.pi / 180.0, 1.0, "unit of phi must be 'rad' according to gravity"),
+    (("rad", "m"), 0.5 / np.pi, 1.0, "unit of phi must be 'turn' according to gravity"),
+    (("rad", "m"), 1.0, 100.0, "unit of z must be 'cm', as the cart moves the pole"),
+    (("rad", "cm"), 1.0, 10.0, "unit of z must be 'mm', as the cart moves the pole"),
+])  # fmt: skip
+def test_gravity_and_the_cart_tell_the_unit_of_an_angle_and_of_a_position(
+    logs, units, phi, z, said
+) -> None:
     d = TRUTH.description
-    wrong = replace(d, phi=replace(d.phi, unit=unit, resolution=0.0))
-    logs = []
-    for i in range(3):
-        one = swing(TRUTH, i)
-        turned = {**one, "phi": factor * one["phi"] if unit == "rad" else one["phi"]}
-        logs.append(log_of(f"log-{i}", turned, wrong))
-    other = "deg" if unit == "rad" else "rad"
-    with pytest.raises(AflMujocoError, match=f"unit of phi must be '{other}' according to gravity"):
-        require_radians(logs, wrong)
+    right = replace(d, z=replace(d.z, unit=units[1]))
+    require_units(logs[:3], d)
+    wrong = replace(right, phi=replace(d.phi, unit=units[0]))
+    with pytest.raises(AflMujocoError, match=said):
+        require_units([replace(log, phi=phi * log.phi, z=z * log.z) for log in logs[:3]], wrong)
+
+
+def test_lost_rows_take_nothing_from_what_gravity_explains() -> None:
+    columns, rng = swing(TRUTH, 1, 3.0), np.random.default_rng(1)
+    kept = np.sort(rng.choice(150, 130, replace=False))
+    log = log_of("lost", {name: x[kept] for name, x in columns.items()}, TRUTH.description)
+    assert _curvature([log], 1.0).share > 0.95
+
+
+@pytest.mark.parametrize(("phi", "z", "said"), [
+    (0.0, 100.0, "logs must move as a pole on a cart does: .* got a fit that leaves 100% of"),
+    (0.6, 1.0, "zero of phi must be the reading of the upright pole, .* 0.5 rad or more off"),
+])  # fmt: skip
+def test_a_fit_that_does_not_explain_the_angle_is_no_estimate(logs, phi, z, said) -> None:
+    some = [replace(log, phi=log.phi + phi, z=z * log.z) for log in logs[:3]]
+    with pytest.raises(AflMujocoError, match=said):
+        identify_pole(cut(some, 0.5, 0.5), TRUTH.description)
+
+
+def test_behind_a_lag_windows_begin_when_what_was_before_a_log_is_forgotten(logs) -> None:
+    windows = cut(logs, 0.5, 0.5)
+    drive = _Drive(windows, TRUTH.description, None, windows.starts, 1)
+    for lag, first in ((0.0, 0.0), (0.02, 0.1)):
+        kept = drive._settled(SimpleNamespace(by_name={"lag": lag, "delay": 0.0}))
+        np.testing.assert_array_equal(kept, windows.time[:, 0] >= first)
+    assert np.count_nonzero(~kept) == len(logs)
+
+
+def test_a_drive_that_is_not_linear_and_rows_that_are_too_slow_are_remarked_on() -> None:
+    shipped = load_estimates()
+    assert shipped.drive is not None
+    worse = replace(shipped.drive, scatter_phi=2.5 * shipped.pole.scatter_phi)
+    one = Result(identified=replace(shipped, drive=worse, period=0.04), shown=None)
+    remarks = [block for block in report(one).blocks if isinstance(block, str)]
+    assert [x.split(",")[0] for x in remarks] == [
+        "Rows are 40 ms apart",
+        "The whole leaves 2.5 times as much of the angle as the pole alone: the drive is not as "
+        "modelled",
+    ]
+    assert not [x for x in report(replace(one, identified=shipped)).blocks if isinstance(x, str)]
 
 
 def test_a_position_in_the_wrong_unit_is_named(logs) -> None:

@@ -73,6 +73,15 @@ def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> Non
     assert np.diff(log.time) == pytest.approx(log.period * np.diff(log.slots))
 
 
+def test_strong_jitter_is_no_lost_row() -> None:
+    for seed in range(12):
+        rng, columns = np.random.default_rng(seed), swing(TRUTH, seed, 4.0)
+        late = np.clip(rng.normal(0.0, 0.2, 200), -0.45, 0.45)
+        columns["time"] = 0.02 * (np.arange(200) + late)
+        log = log_of("late", columns, TRUTH.description)
+        assert log.missing == 0 and log.period == pytest.approx(0.02, rel=2e-3)
+
+
 def test_units_and_signs_and_that_the_shipped_recordings_are_all_there(columns) -> None:
     phi = AngleColumn(unit="deg", sign=-1, zero=2.0)
     other = replace(PLAIN, phi=phi, z=PositionColumn(unit="mm", sign=-1))
