@@ -9,7 +9,7 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.plants.plant import Floats
-from afl_mujoco.scenario.parameters import from_target
+from afl_mujoco.scenario.parameters import from_target, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import instants
 from afl_mujoco.simulation.trajectory import (
@@ -27,15 +27,14 @@ BANDS = {"2pc": 0.02, "5pc": 0.05}  # settling bands as a share of the peak of t
 
 _LABELS: Mapping[str, str] = {
     "objective": "objective OF",
-    "max_command": "largest command",
-    "max_force": "max |F| exerted",
-    "limited_share": "share of time at the force limit",
-    "force_squared": "∫F² dt",
-    "force_variation": "total variation of F",
     "saturated_share": "share of time outside the boundary layer",
     "end_time": "end",
 }
 """Names in a report of the metrics that the cart-pole alone has, or every run once."""
+
+_OF_INPUT = ("largest command of {}", "max |{}| exerted", "∫{}² dt", "total variation of {}",
+             "share of time at the limit of {}")  # fmt: skip
+"""Names of those of an input, in the order of `effort_names`."""
 
 _OF_STATE = {
     "iae_": ("∫|{}| dt", "{} s"),
@@ -68,7 +67,12 @@ def label_of(key: str, layout: Layout = LAYOUT) -> str:
     if key in _LABELS:
         return _LABELS[key]
     if not start:
-        return key.replace("_", " ")
+        named = {
+            metric: words.format("F" if one == "force" else symbol(one))
+            for one in layout.inputs
+            for metric, words in zip(effort_names(layout.inputs, one), _OF_INPUT, strict=True)
+        }
+        return named.get(key, key.replace("_", " "))
     away = 0.0 if start == "least_" else layout.about(name)  # all others are of deviations
     return _OF_STATE[start][0].format(from_target(name, away))
 
