@@ -166,7 +166,7 @@ def linearisation_claim() -> Claim:
         worst = max(worst, float(np.max(np.abs(found - wanted) / (1.0 + np.abs(wanted)))))
     return Claim(
         id="C1",
-        claim="with (L1), (P1) and (P2) become z'' = u, phi'' = 3/(4l) (g sin(phi) + u cos(phi))",
+        claim="with (L1), (P1) and (P2) become z″ = u, φ″ = 3/(4l) (g sin φ + u cos φ)",
         figure="largest difference of an acceleration, relative to 1 plus its size",
         paper=0.0,
         here=worst,
