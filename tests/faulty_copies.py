@@ -22,24 +22,19 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Sequence, Set
 from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
 from pathlib import Path
-from typing import Protocol, TypeVar
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 NEEDED = "afl_mujoco research models tests docs examples pyproject.toml README.md".split()
-BRIEF = (
-    *("validate", "--no-page", "trapezoid-step-impulse"),
-    *("--controllers", "adaptive", "--workers", "1"),
-)
+BRIEF = "validate --no-page trapezoid-step-impulse --controllers adaptive --workers 1".split()
 VERDICT = ("validate", "--full", "--no-page", "step-trapezoid", *BRIEF[2:])
-TESTS = (
-    *("tests/control", "tests/scenario", "tests/simulation"),
-    *("tests/plants/test_cartpole_equations.py", "tests/studies/test_bisection.py"),
-    *("tests/studies/test_robustness.py", "tests/studies/test_thresholds.py"),
-    *("tests/studies/test_montecarlo.py", "tests/studies/test_margins.py"),
-)
+STUDIES = ("bisection", "robustness", "thresholds", "montecarlo", "margins")
+TESTS = ["tests/control", "tests/scenario", "tests/simulation"]
+TESTS += ["tests/plants/test_cartpole_equations.py"]
+TESTS += [f"tests/studies/test_{x}.py" for x in STUDIES]
 TIME_LIMIT = 900  # [s] for one command
 MEMORY_LIMIT = 12 << 30  # [B] of addresses: a fault may ask for an endless array
 
@@ -49,15 +44,9 @@ KEPT = REPOSITORY / "renders" / "compiled"
 COMPILED = Path("afl_mujoco", "compiled.py")
 LOOKS = "source.read_bytes()"
 LOOKS_AT_OUTLINE = 'source.with_suffix(".outline").read_bytes()'
-NOT_COMPILED = frozenset(
+NOT_COMPILED = set(
     "property cached_property cache staticmethod classmethod contextmanager override".split()
 )
-
-
-class Fault(Protocol):
-    @property
-    def name(self) -> str:
-        """Make the change in a copy, or raise ValueError if the file does not fit."""
 
 
 class TimeLimitError(Exception):
@@ -86,7 +75,7 @@ class Copies:
         self._lock = threading.Lock()
         self._stopped = False
 
-    def objection(self, fault: Fault, checks: Callable[[Path], Iterator[str]]) -> str:
+    def objection(self, fault, checks) -> str:
         """Return the first objection of some checks to a fault, "" if nothing objects."""
         root = Path(tempfile.mkdtemp(dir=self.scratch))
         try:
@@ -115,7 +104,6 @@ class Copies:
     def verdict(self, root: Path, command: Sequence[str] = VERDICT) -> str:
         out = root / "renders" / "faults"
         code, said = self._run(root, TIME_LIMIT, "afl_mujoco", *command, "--out", str(out))
-        _require_environment(said)
         report = out / "report.json"
         if not report.exists():
             return f"validate ends with an error: {_last_line(said)}"
@@ -128,7 +116,6 @@ class Copies:
             return ""
         quiet = ("-q", "-x", "--no-header", "-p", "no:cacheprovider")
         code, said = self._run(root, limit, "pytest", *quiet, *tests)
-        _require_environment(said)
         if code == 0 or "ERROR: not found:" in said:  # a test that is gone notices nothing
             return ""
         failed = re.search(r"^(?:FAILED|ERROR) (?:tests/)?(\S+?)(?:\[| |$)", said, re.MULTILINE)
@@ -156,14 +143,14 @@ class Copies:
         finally:
             with self._lock:
                 self._running.discard(process)
+        if missing := re.search(r".*(?:ModuleNotFoundError|No space left on device).*", said):
+            raise ValueError(f"the environment is at fault: {missing[0].strip()}")
         return process.returncode, said
 
     def _write_outline(self, root: Path, file: Path) -> None:
-        text = (root / file).read_text(encoding="utf-8")
-        try:
+        kept = text = (root / file).read_text(encoding="utf-8")
+        with suppress(SyntaxError):
             kept = outline(text, self._ran.get(str(file), set()))
-        except SyntaxError:
-            kept = text
         (root / file).with_suffix(".outline").write_text(kept, encoding="utf-8")
 
 
@@ -175,27 +162,19 @@ def outline(text: str, ran: Set[int]) -> str:
     """
     lines = text.splitlines()
     for node in ast.walk(ast.parse(text)):
-        if not isinstance(node, ast.FunctionDef):
-            continue
-        inside = [one for one in ast.walk(node) if isinstance(one, ast.FunctionDef)]
-        if any(_may_run(one, ran) for one in inside):
-            continue
-        first, last = node.body[0].lineno, node.end_lineno or node.lineno
-        if first > node.lineno:  # a body on lines of its own
-            lines[first - 1 : last] = [""] * (last - first + 1)
+        if isinstance(node, ast.FunctionDef) and not any(
+            _may_run(one, ran) for one in ast.walk(node) if isinstance(one, ast.FunctionDef)
+        ):
+            first, last = node.body[0].lineno, node.end_lineno or node.lineno
+            if first > node.lineno:  # a body on lines of its own
+                lines[first - 1 : last] = [""] * (last - first + 1)
     return "\n".join(lines)
 
 
 def _may_run(function: ast.FunctionDef, ran: Set[int]) -> bool:
-    made_by = function.decorator_list
-    first = min(one.lineno for one in (function, *made_by))
-    return first in ran or any(_last_name(one) not in NOT_COMPILED for one in made_by)
-
-
-def _last_name(node: ast.AST) -> str:
-    if isinstance(node, ast.Call):
-        return _last_name(node.func)
-    return getattr(node, "attr", getattr(node, "id", ""))
+    made_by = [getattr(one, "func", one) for one in function.decorator_list]
+    names = {getattr(one, "attr", getattr(one, "id", "")) for one in made_by}
+    return min(one.lineno for one in (function, *made_by)) in ran or not names <= NOT_COMPILED
 
 
 IMPORT_ALL = """
@@ -224,10 +203,7 @@ def ran_at_import(root: Path) -> dict[str, set[int]]:
     return found
 
 
-Of = TypeVar("Of", bound=Fault)
-
-
-def check_all(faults, jobs, tests, checks, report) -> Iterator[tuple[Of, str]]:
+def check_all(faults, jobs, tests, checks, report):
     """Yield each fault with what objects to it, as they come, after a copy without a fault."""
     with tempfile.TemporaryDirectory(prefix="afl-mujoco-faults-") as scratch:
         copies = Copies(Path(scratch))
@@ -251,18 +227,21 @@ def check_all(faults, jobs, tests, checks, report) -> Iterator[tuple[Of, str]]:
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def files_of(tests: Sequence[str] = TESTS) -> list[str]:
-    found = []
-    for name in tests:
-        path = REPOSITORY / name
-        files = sorted(path.rglob("test_*.py")) if path.is_dir() else [path]
-        found += [str(file.relative_to(REPOSITORY)) for file in files]
-    return found
+def files_of(tests: Sequence[str]) -> list[str]:
+    paths = [REPOSITORY / name for name in tests]
+    every = [sorted(path.rglob("test_*.py")) if path.is_dir() else [path] for path in paths]
+    return [str(file.relative_to(REPOSITORY)) for files in every for file in files]
 
 
 def run_command_line(main: Callable[[], int], name: str) -> None:
-    signal.signal(signal.SIGINT, _interrupt)
-    signal.signal(signal.SIGTERM, _interrupt)
+    def interrupt(*_: object) -> None:
+        """Stop, once: a second signal must not disturb the tidying up after the first."""
+        for one in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(one, signal.SIG_IGN)
+        raise KeyboardInterrupt
+
+    for one in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(one, interrupt)
     try:
         sys.exit(main())
     except KeyboardInterrupt:
@@ -271,13 +250,6 @@ def run_command_line(main: Callable[[], int], name: str) -> None:
     except (ValueError, TimeLimitError) as error:
         print(f"{name}: {error}", file=sys.stderr)
         sys.exit(1)
-
-
-def _interrupt(*_: object) -> None:
-    """Stop, once: a second signal must not disturb the tidying up after the first."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise KeyboardInterrupt
 
 
 def _copy(source: Path, target: Path) -> None:
@@ -300,9 +272,3 @@ def _link_compiled(source: str, target: str) -> None:
 
 def _last_line(text: str) -> str:
     return next((line for line in reversed(text.splitlines()) if line.strip()), "nothing said")
-
-
-def _require_environment(said: str) -> None:
-    """Raise if it was the environment that objected, and no check."""
-    if missing := re.search(r".*(?:ModuleNotFoundError|No space left on device).*", said):
-        raise ValueError(f"the environment is at fault: {missing[0].strip()}")

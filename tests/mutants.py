@@ -19,8 +19,6 @@ score is the share of the others that were noticed. One that runs into the time 
 Exit code 0 if every mutant is noticed or equivalent, 1 otherwise, 130 when interrupted.
 """
 
-from __future__ import annotations
-
 import argparse
 import ast
 import hashlib
@@ -29,12 +27,10 @@ import re
 import sys
 import tomllib
 from collections import Counter, defaultdict
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -42,7 +38,7 @@ from afl_mujoco.files import write_text
 from afl_mujoco.studies.montecarlo import rate
 from afl_mujoco.studies.shared.record import versions
 from tests import faulty_copies
-from tests.faulty_copies import REPOSITORY, Copies, TimeLimitError, files_of
+from tests.faulty_copies import REPOSITORY, TimeLimitError, files_of
 
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -53,17 +49,14 @@ AREAS = {
     "scenario": ("scenario/*.py",),
     "MuJoCo model and loop, integration": ("simulation/*.py",),
     "sensors and actuators": ("simulation/sampled/*.py",),
-    "checks": (*("studies/check.py", "studies/validate.py", "studies/verify/any_plant.py"),
-               *("studies/verify/checks.py", "studies/verify/claims.py"),
-               "studies/verify/convergence.py",
-               "studies/verify/explanation.py"),
+    "checks": ("studies/check.py", "studies/validate.py", *(f"studies/verify/{name}.py" for name in
+               ("any_plant", "checks", "claims", "convergence", "explanation"))),
     "margins": ("studies/margins.py", "studies/shared/loop_margins.py"),
     "statistics": ("studies/montecarlo.py", "studies/shared/robustness.py"),
 }  # fmt: skip
 """What is changed: a file is of the first area that names it."""
 
-DRAWN = ("simulation/drawing.py", "plants/differences.py",
-         "plants/suspects.py")  # fmt: skip
+DRAWN = ("simulation/drawing.py", "plants/differences.py", "plants/suspects.py")
 """What only draws, or only names what a check has found."""
 
 BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Div Mod_FloorDiv"
@@ -80,8 +73,6 @@ OPERATORS = (
 )
 
 NOT_CHANGED = {"raise_stmt", "assert_stmt", "fstring", "decorator", "tfpdef"}
-
-Key = tuple[str, str, str, int]
 
 LATE = (
     *("tests/control/test_baselines.py", "tests/studies/test_thresholds.py"),
@@ -107,126 +98,115 @@ NO_TIME = "time limit"
 KILLED, SURVIVED, SAME = "killed", "survived", "equivalent"
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where an operator can change a source: the `nth` time in lines that read so."""
+@dataclass(frozen=True, kw_only=True)
+class Change:
+    """What becomes of the `nth` line that reads so."""
 
     area: str
     file: str
+    was: str
+    now: str
+    nth: int
+
+    @property
+    def key(self):
+        return self.file, self.was, self.now, self.nth
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mutant(Change):
+    """What an operator makes of a source; at first only where."""
+
     operator: str
     occurrence: int
     line: int
-    was: str
-    nth: int
+
+    @property
+    def name(self) -> str:
+        return f"{self.file}: {self.was}  ->  {self.now}"
 
     def rank(self, seed: int) -> bytes:
         """Where a seed puts it: a sample is those that come first, whatever else is edited."""
         known_by = (seed, self.file, self.operator, self.was, self.nth)
         return hashlib.blake2b(repr(known_by).encode(), digest_size=16).digest()
 
-    def mutant(self) -> Mutant | None:
+    def mutated(self, text: str) -> str:
+        from cosmic_ray.mutating import mutate_code
+
+        changed = mutate_code(text, operators()[self.operator](), self.occurrence)
+        if changed is None:
+            raise ValueError(f"{self.name}: there is nothing to change")
+        return changed
+
+    def made(self):
+        """Return it with what its line becomes, None if that means the same or is no Python."""
         before = (REPOSITORY / self.file).read_text(encoding="utf-8")
-        after = mutated(before, self.operator, self.occurrence)
-        assert after is not None
+        after = self.mutated(before)
         try:
-            if _meaning(after) == _meaning(before):
+            if ast.dump(ast.parse(after)) == ast.dump(ast.parse(before)):
                 return None
         except SyntaxError:
             return None
-        now = " ".join(after.splitlines()[self.line].split())
-        return Mutant(place=self, now=now)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Mutant:
-    place: Place
-    now: str
-
-    @property
-    def file(self) -> str:
-        return self.place.file
-
-    @property
-    def name(self) -> str:
-        return f"{self.file}: {self.place.was}  ->  {self.now}"
-
-    @property
-    def key(self) -> Key:
-        return self.file, self.place.was, self.now, self.place.nth
+        return replace(self, now=" ".join(after.splitlines()[self.line].split()))
 
     def plant(self, root: Path) -> None:
         path = root / self.file
-        before = path.read_text(encoding="utf-8")
-        after = mutated(before, self.place.operator, self.place.occurrence)
-        if after is None:
-            raise ValueError(f"{self.name}: there is nothing to change")
-        path.write_text(after, encoding="utf-8")
+        path.write_text(self.mutated(path.read_text(encoding="utf-8")), encoding="utf-8")
 
 
-def mutated(text: str, operator: str, occurrence: int) -> str | None:
-    from cosmic_ray.mutating import mutate_code
+@dataclass(frozen=True, kw_only=True)
+class Found(Change):
+    outcome: str
+    by: str  # what noticed it, or why it is equivalent
 
-    changed: str | None = mutate_code(text, operators()[operator](), occurrence)
-    return changed
 
-
-def number_replacer() -> Any:
-    """Return Cosmic Ray's operator on numbers, without what it does to the spaces around them."""
+def operators():
     from cosmic_ray.operators.number_replacer import NumberReplacer
+    from cosmic_ray.operators.provider import OperatorProvider
 
-    class InPlace(NumberReplacer):  # type: ignore[misc]
-        def mutate(self, node: Any, index: int) -> Any:
+    class InPlace(NumberReplacer):
+        """Cosmic Ray's operator on numbers, without what it does to the spaces around them."""
+
+        def mutate(self, node, index):
             changed = super().mutate(node, index)
             changed.value, changed.prefix = changed.value.strip(), node.prefix
             return changed
 
-    return InPlace
-
-
-def operators() -> Mapping[str, Any]:
-    from cosmic_ray.operators.provider import OperatorProvider
-
     provider = OperatorProvider()
-    return {name: provider[name] for name in OPERATORS} | {"NumberReplacer": number_replacer()}
+    return {name: provider[name] for name in OPERATORS} | {"NumberReplacer": InPlace}
 
 
-def places_in(file: str, area: str) -> Iterator[Place]:
+def places_in(file: str, area: str):
     from cosmic_ray.ast import ast_nodes, get_ast
 
     text = (REPOSITORY / file).read_text(encoding="utf-8")
     nodes, lines = list(ast_nodes(get_ast(text))), text.splitlines()
     for name, operator in operators().items():
-        seen: Counter[str] = Counter()
+        seen = Counter()
         starts = ((one, start) for one in nodes for start, _ in operator().mutation_positions(one))
         for occurrence, (node, (line, _)) in enumerate(starts):
             if not _left_out(node):
                 was = lines[line - 1].strip()
-                nth, seen[was] = seen[was], seen[was] + 1
-                yield Place(area, file, name, occurrence, line - 1, was, nth)
+                at = {"area": area, "file": file, "was": was, "now": "", "nth": seen[was]}
+                yield Mutant(**at, operator=name, occurrence=occurrence, line=line - 1)
+                seen[was] += 1
 
 
-def _left_out(node: Any) -> bool:
-    child, parent = node, node.parent
-    if parent is not None and parent.type == "parameters":  # the bare star
+def _left_out(node) -> bool:
+    if node.parent is not None and node.parent.type == "parameters":  # the bare star
         return True
-    while parent is not None:
-        annotates = (parent.type == "annassign" and child is parent.children[1]) or (
-            parent.type == "funcdef" and child is parent.annotation
-        )
-        if annotates or parent.type in NOT_CHANGED:
+    while (parent := node.parent) is not None:
+        annotation = {"annassign": lambda x: x.children[1], "funcdef": lambda x: x.annotation}
+        annotated = annotation.get(parent.type)
+        if parent.type in NOT_CHANGED or (annotated and annotated(parent) is node):
             return True
-        child, parent = parent, parent.parent
+        node = parent
     return False
 
 
-def _meaning(text: str) -> str:
-    return ast.dump(ast.parse(text))
-
-
-def all_places() -> list[Place]:
-    package = REPOSITORY / "afl_mujoco"
+def all_places() -> list[Mutant]:
+    package, found = REPOSITORY / "afl_mujoco", []
     known = {package / name for name in DRAWN}
-    found = []
     for area, patterns in AREAS.items():
         files = sorted({path for pattern in patterns for path in package.glob(pattern)} - known)
         known.update(files)
@@ -235,9 +215,9 @@ def all_places() -> list[Place]:
     return found
 
 
-def draw(places: Sequence[Place], count: int, seed: int) -> list[Mutant]:
+def draw(places, count: int, seed: int) -> list[Mutant]:
     ranked = sorted(places, key=lambda place: place.rank(seed))
-    return list(islice(filter(None, (place.mutant() for place in ranked)), count))
+    return list(islice(filter(None, (place.made() for place in ranked)), count))
 
 
 def equivalents() -> dict[tuple[str, str, str], str]:
@@ -245,27 +225,11 @@ def equivalents() -> dict[tuple[str, str, str], str]:
     return {(row["file"], row["was"], row["now"]): row["reason"] for row in listed}
 
 
-@dataclass(frozen=True)
-class Found:
-    area: str
-    file: str
-    was: str
-    now: str
-    nth: int
-    outcome: str
-    by: str  # what noticed it, or why it is equivalent
-
-    @property
-    def key(self) -> Key:
-        return self.file, self.was, self.now, self.nth
-
-
 class Tests:
     """Which tests come first: those that noticed other mutants of the file, its own, importers."""
 
-    def __init__(self, before: Collection[Found], *, only_likely: bool) -> None:
-        self._only_likely = only_likely
-        self._noticed: dict[str, Counter[str]] = defaultdict(Counter)
+    def __init__(self, before, *, only_likely: bool) -> None:
+        self._only_likely, self._noticed = only_likely, defaultdict(Counter)
         for one in before:
             if one.outcome == KILLED:
                 self.learn(one.file, one.by)
@@ -295,18 +259,16 @@ class Tests:
         beside = [name for name in texts if Path(name).parts[1:-1] == Path(file).parts[1:-1]]
         return list(dict.fromkeys([*noticed[:3], *own, *importers, *noticed, *beside]))[:LIKELY]
 
-    def rest(self, file: str) -> list[str]:
-        first = self.likely(file)
-        return [name for name in self.files if name not in first]
-
-    def checks(self, copies: Copies, mutant: Mutant) -> Callable[[Path], Iterator[str]]:
-        def checks(root: Path) -> Iterator[str]:
-            yield copies.tests(root, [*QUICK, *self.likely(mutant.file)], LIKELY_LIMIT)
+    def checks(self, copies, mutant: Mutant):
+        def checks(root: Path):
+            likely = self.likely(mutant.file)
+            yield copies.tests(root, [*QUICK, *likely], LIKELY_LIMIT)
             yield copies.verdict(root)
             if not self._only_likely:
-                yield copies.tests(root, [*QUICK, *self.rest(mutant.file)])
+                rest = [name for name in self.files if name not in likely]
+                yield copies.tests(root, [*QUICK, *rest])
 
-        def in_time(root: Path) -> Iterator[str]:
+        def in_time(root: Path):
             try:
                 for by in checks(root):
                     self.learn(mutant.file, by)
@@ -317,65 +279,52 @@ class Tests:
         return in_time
 
 
-def found_of(mutant: Mutant, by: str, *, same: bool = False) -> Found:
-    outcome = SAME if same else KILLED if by else SURVIVED
-    at = mutant.place
-    return Found(at.area, at.file, at.was, mutant.now, at.nth, outcome, by)
+def found_of(mutant: Mutant, outcome: str, by: str) -> Found:
+    change = {name: getattr(mutant, name) for name in Change.__dataclass_fields__}
+    return Found(**change, outcome=outcome, by=by)
 
 
-def load(path: Path) -> dict[Key, Found]:
-    if not path.is_file():
-        return {}
-    rows = json.loads(path.read_text(encoding="utf-8"))["mutants"]
+def load(path: Path) -> dict[tuple, Found]:
+    rows = json.loads(path.read_text(encoding="utf-8"))["mutants"] if path.is_file() else ()
     return {found.key: found for found in (Found(**row) for row in rows)}
 
 
-def save(path: Path, found: Sequence[Found], of: int, seed: int) -> None:
+def save(path: Path, found: list[Found], of: int, seed: int) -> None:
     areas = {area: [one for one in found if one.area == area] for area in AREAS}
+    said = re.sub(r" ?--out[ =]\S+", "", " ".join(sys.argv[1:])).strip()
+    command = f'make mutants ARGS="{said}"' if said else "make mutants"
     result = {
-        **{"command": command(sys.argv[1:]), "versions": versions(), "seed": seed, "places": of},
+        **{"command": command, "versions": versions(), "seed": seed, "places": of},
         **summary(found), "areas": {area: summary(those) for area, those in areas.items() if those},
         "mutants": [asdict(one) for one in sorted(found, key=lambda one: one.key)],
     }  # fmt: skip
     write_text(path, json.dumps(result, indent=1, ensure_ascii=False) + "\n")
 
 
-def command(arguments: Sequence[str]) -> str:
-    said = " ".join(arguments)
-    said = re.sub(r" ?--out[ =]\S+", "", said).strip()
-    return f'make mutants ARGS="{said}"' if said else "make mutants"
-
-
-def summary(found: Sequence[Found]) -> dict[str, Any]:
+def summary(found: list[Found]) -> dict[str, object]:
     count = Counter(one.outcome for one in found)
-    asked = count[KILLED] + count[SURVIVED]
     killed = [True] * count[KILLED] + [False] * count[SURVIVED]
-    score = rate(killed) if asked else None
+    score, *interval = rate(killed) if killed else (None,)
     return {
-        "sampled": len(found),
-        "killed": count[KILLED],
-        "by_time_limit": sum(one.by == NO_TIME for one in found),
-        "survived": count[SURVIVED],
-        "equivalent": count[SAME],
-        "score": score[0] if score else None,
-        "interval": list(score[1:]) if score else None,
-    }
+        "sampled": len(found), "killed": count[KILLED],
+        "by_time_limit": sum(one.by == NO_TIME for one in found), "survived": count[SURVIVED],
+        "equivalent": count[SAME], "score": score, "interval": interval or None,
+    }  # fmt: skip
 
 
-def decided(sample: Sequence[Mutant], before: Mapping[Key, Found], kept: Collection[str]):
+def decided(sample, before, kept):
     """Return what is known without running: equivalents, and `kept` outcomes of an earlier run."""
-    same = equivalents()
-    found = {}
+    same, found = equivalents(), {}
     for one in sample:
         earlier = before.get(one.key)
         if reason := same.get(one.key[:3]):
-            found[one.key] = found_of(one, reason, same=True)
+            found[one.key] = found_of(one, SAME, reason)
         elif earlier and earlier.outcome in kept:
             found[one.key] = earlier
     return found
 
 
-def options_of_command_line() -> argparse.Namespace:
+def main() -> int:
     parser = argparse.ArgumentParser(description="Plant mutants and see how many are noticed.")
     parser.add_argument("--count", type=int, default=400, help="how many mutants")
     parser.add_argument("--seed", type=int, default=1, help="of the sample")
@@ -386,11 +335,7 @@ def options_of_command_line() -> argparse.Namespace:
     parser.add_argument("--brief", action="store_true", help="without the unlikely tests")
     parser.add_argument("--out", type=Path, default=RESULT, metavar="FILE", help="a JSON")
     parser.add_argument("--list", action="store_true", help="only print the sample")
-    return parser.parse_args()
-
-
-def main() -> int:
-    options = options_of_command_line()
+    options = parser.parse_args()
     places = all_places()
     sample = draw(places, options.count, options.seed)
     if options.only:
@@ -410,13 +355,10 @@ def main() -> int:
 
     left = [one for one in sample if one.key not in found]
     tests = Tests(before.values(), only_likely=options.brief)
-    if left:
-        jobs = max(1, options.jobs)
-        for mutant, by in faulty_copies.check_all(
-            left, jobs, [*QUICK, *tests.files], tests.checks, say
-        ):
-            found[mutant.key] = found_of(mutant, by)
-            keep()
+    asked = (max(1, options.jobs), [*QUICK, *tests.files], tests.checks, say)
+    for mutant, by in faulty_copies.check_all(left, *asked) if left else ():
+        found[mutant.key] = found_of(mutant, KILLED if by else SURVIVED, by)
+        keep()
     keep()
     missed = [one for one in found.values() if one.outcome == SURVIVED]
     for one in missed:

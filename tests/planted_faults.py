@@ -18,7 +18,7 @@ import shutil
 import sys
 import tempfile
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -26,9 +26,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
 from afl_mujoco.studies.shared.record import versions
-from tests.faulty_copies import BRIEF, REPOSITORY, TESTS, Copies, check_all, run_command_line
+from tests.faulty_copies import BRIEF, REPOSITORY, TESTS, check_all, run_command_line
 
-HEADER = ("fault", "caught by")
 RESULT = REPOSITORY / "docs" / "results" / "faults.json"
 
 
@@ -67,14 +66,13 @@ def load_faults() -> list[PlantedFault]:
     return faults
 
 
-def checks_of(before: Mapping[str, str], copies: Copies, fault: PlantedFault):
-    last = before.get(fault.name, "")
-    test = f"tests/{last}" if "::" in last else ""
-    known = bool(test) and (REPOSITORY / test.partition("::")[0]).is_file()
+def checks_of(before: Mapping[str, str], copies, fault: PlantedFault):
+    last = before.get(fault.name, "not run")
+    test, _, name = f"tests/{last}".partition("::")
 
-    def checks(root: Path) -> Iterator[str]:
-        if known:
-            yield copies.tests(root, [test])
+    def checks(root: Path):
+        if name and (REPOSITORY / test).is_file():
+            yield copies.tests(root, [f"{test}::{name}"])
         elif last not in ("", "not run"):
             yield copies.verdict(root, BRIEF)
             yield copies.verdict(root)
@@ -86,10 +84,7 @@ def checks_of(before: Mapping[str, str], copies: Copies, fault: PlantedFault):
 
 
 def caught(path: Path) -> dict[str, str]:
-    if not path.is_file():
-        return {}
-    found: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))["caught"]
-    return found
+    return json.loads(path.read_text(encoding="utf-8"))["caught"] if path.is_file() else {}
 
 
 def save(results: Mapping[str, str], path: Path) -> None:
@@ -99,10 +94,8 @@ def save(results: Mapping[str, str], path: Path) -> None:
     write_text(path, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
 
 
-def as_text(results: Mapping[str, str]) -> str:
-    rows = [HEADER, *((name, by or "NOT CAUGHT") for name, by in results.items())]
-    width = max(len(name) for name, _ in rows)
-    return "".join(f"{name:<{width}}  {by}\n" for name, by in rows)
+def say(line: str) -> None:
+    print(line, flush=True)
 
 
 def main() -> int:
@@ -122,16 +115,14 @@ def main() -> int:
         return 0
     before = caught(RESULT)
     found = dict.fromkeys((fault.name for fault in faults), "")
-    for fault, by in check_all(
-        faults,
-        max(1, options.jobs),
-        TESTS,
-        lambda copies, one: checks_of(before, copies, one),
-        lambda line: print(line, flush=True),
-    ):
+    asked = (max(1, options.jobs), TESTS, lambda *of: checks_of(before, *of), say)
+    for fault, by in check_all(faults, *asked):
         found[fault.name] = by
     missed = [name for name, by in found.items() if not by]
-    print(f"\n{as_text(found)}\n{len(faults) - len(missed)} of {len(faults)} faults caught")
+    width = max(map(len, found))
+    for name, by in {"": "", "fault": "caught by", **found}.items():
+        say(f"{name:<{width}}  {by or 'NOT CAUGHT' * bool(name)}")
+    say(f"\n{len(faults) - len(missed)} of {len(faults)} faults caught")
     if options.out:
         save(found, options.out)
     return 1 if missed else 0

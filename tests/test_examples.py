@@ -14,30 +14,23 @@ from tests.feedback import force_of
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[1]
-EXAMPLES = ROOT / "examples"
-
+EXAMPLES = Path(__file__).parents[1] / "examples"
 BROKEN = """
 import math
 
 def raises(time, state, belief):
     return 0.0 if time < 0.05 else 1.0 / 0.0
-
 def shape(time, state, belief):
     return state
-
 def hangs(time, state, belief):
     while time > 0.0:  # the first call may take a minute
         pass
     return 0.0
-
 def leaves(time, state, belief):
     raise SystemExit(0)
-
 def nothing(time, state, belief):
     return math.nan
 """
-
 SAID = {
     "raises": "controller 'broken.raises' raised ZeroDivisionError at t = 0.05",
     "shape": "controller 'broken.shape' must return one number at t = 0 s, got an array of shape",
@@ -67,8 +60,8 @@ def test_the_example_balances_in_every_mode(mode: str, folder: Path, command_lin
 
 @pytest.mark.parametrize("controller", SAID)
 def test_a_controller_that_goes_wrong_is_one_line_and_leaves_nothing(
-    controller: str, folder: Path, command_line
-) -> None:
+    controller, folder, command_line
+):
     asked = ("--controller", f"broken:{controller}", "--out", "out")
     code, output, errors = command_line("simulate", "short.toml", *asked)
     assert (code, output) == (2, "") and errors.startswith(f"afl-mujoco: {SAID[controller]}")

@@ -36,38 +36,32 @@ def inputs_for(controller: str, p: afl.CartPoleParameters) -> np.ndarray:
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_controller_is_finite_and_odd_to_the_last_bit(controller: str) -> None:
-    @settings(derandomize=True, max_examples=300, deadline=None)
-    @given(state=STATES, plant=PLANTS)
-    @example(state=(0.0, 0.0, 0.0, 0.0), plant=afl.CartPoleParameters())
-    def holds(state: tuple[float, ...], plant: afl.CartPoleParameters) -> None:
-        inputs = inputs_for(controller, plant)
-        force = afl_force(np.array(state), inputs)
-        assert math.isfinite(force) and afl_force(-np.array(state), inputs) == -force
-
-    holds()
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(state=STATES, plant=PLANTS)
+@example(state=(0.0, 0.0, 0.0, 0.0), plant=afl.CartPoleParameters())
+def test_the_controller_is_finite_and_odd_to_the_last_bit(controller, state, plant) -> None:
+    inputs = inputs_for(controller, plant)
+    force = afl_force(np.array(state), inputs)
+    assert math.isfinite(force) and afl_force(-np.array(state), inputs) == -force
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_the_controller_has_no_jump_between_any_two_states(controller: str) -> None:
-    @settings(derandomize=True, max_examples=200, deadline=None)
-    @given(one=STATES, other=STATES, plant=PLANTS)
-    def holds(one: tuple[float, ...], other: tuple[float, ...], plant: afl.CartPoleParameters):
-        inputs = inputs_for(controller, plant)
-        a, b = np.array(one), np.array(other)
-        forces = afl_force(a, inputs), afl_force(b, inputs)
-        largest = max(1.0, *map(abs, forces))
-        for _ in range(50):  # into the half over which the force changes more: a jump would stay
-            middle = 0.5 * (a + b)
-            force = afl_force(middle, inputs)
-            largest = max(largest, abs(force))
-            if abs(force - forces[0]) > abs(force - forces[1]):
-                b, forces = middle, (forces[0], force)
-            else:
-                a, forces = middle, (force, forces[1])
-        assert abs(forces[1] - forces[0]) <= 1e-10 * largest  # 1e-15 apart, and round-off
-
-    holds()
+@settings(derandomize=True, max_examples=200, deadline=None)
+@given(one=STATES, other=STATES, plant=PLANTS)
+def test_the_controller_has_no_jump_between_any_two_states(controller, one, other, plant) -> None:
+    inputs = inputs_for(controller, plant)
+    a, b = np.array(one), np.array(other)
+    forces = afl_force(a, inputs), afl_force(b, inputs)
+    largest = max(1.0, *map(abs, forces))
+    for _ in range(50):  # into the half over which the force changes more: a jump would stay
+        middle = 0.5 * (a + b)
+        force = afl_force(middle, inputs)
+        largest = max(largest, abs(force))
+        if abs(force - forces[0]) > abs(force - forces[1]):
+            b, forces = middle, (forces[0], force)
+        else:
+            a, forces = middle, (force, forces[1])
+    assert abs(forces[1] - forces[0]) <= 1e-10 * largest  # 1e-15 apart, and round-off
 
 
 @st.composite
@@ -86,12 +80,10 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
     """About a second of anything, its times on no grid, its horizon a whole number of ms."""
     end = draw(st.integers(800, 1200)) / 1000
     edge = st.floats(0.0, end - 1e-6)
+    edges = st.tuples(edge, edge).map(sorted).filter(lambda x: x[1] - x[0] > 1e-6)
     pulses = st.builds(
-        lambda force, edges: afl.ForcePulse(
-            force=force, start=min(edges), duration=max(edges) - min(edges)
-        ),
-        st.floats(-20.0, 20.0),
-        st.tuples(edge, edge).filter(lambda edges: abs(edges[0] - edges[1]) > 1e-6),
+        lambda force, x: afl.ForcePulse(force=force, start=x[0], duration=x[1] - x[0]),
+        *(st.floats(-20.0, 20.0), edges),
     )
     instants = st.floats(0.0, end, exclude_max=True)
     hits = st.builds(afl.Impulse, momentum=st.floats(-1.0, 1.0), time=instants)
@@ -115,22 +107,20 @@ FINE = Settings(timestep=2.5e-4, control_period=2.5e-4)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
-def test_any_scenario_goes_the_same_way_in_both_simulators(controller: str) -> None:
-    # shrinking a failure takes minutes: add Phase.shrink to get the smallest
-    @settings(derandomize=True, max_examples=8, deadline=None, phases=[Phase.generate])
-    @given(scenario=scenarios())
-    def holds(scenario: afl.Scenario) -> None:
-        runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
-        for check, one, other in (
-            ("B1", "mujoco exact", "ode"),
-            ("B2b", "mujoco continuous", "ode RK4"),
-            ("B3", "mujoco sampled", "ode held"),
-        ):
-            note(f"{check}: {runs[one].outcome}, {runs[other].outcome}")
-            difference = state_difference(runs[one], runs[other])
-            assert difference <= CRITERIA[check].limit, check
-
-    holds()
+# shrinking a failure takes minutes: add Phase.shrink to get the smallest
+@settings(derandomize=True, max_examples=8, deadline=None, phases=[Phase.generate])
+@given(scenario=scenarios())
+def test_any_scenario_goes_the_same_way_in_both_simulators(controller, scenario) -> None:
+    runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
+    twins = {
+        "B1": ("exact", "ode"),
+        "B2b": ("continuous", "ode RK4"),
+        "B3": ("sampled", "ode held"),
+    }
+    for check, (mode, name) in twins.items():
+        one, other = runs[f"mujoco {mode}"], runs[name]
+        note(f"{check}: {one.outcome}, {other.outcome}")
+        assert state_difference(one, other) <= CRITERIA[check].limit, check
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -156,7 +146,9 @@ def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(controller, an
 def test_a_pulse_may_end_a_rounding_early_and_a_ramp_too_steep_for_a_float_is_a_jump() -> None:
     pulse = afl.ForcePulse(force=-0.55, start=0.16800636893160892, duration=0.7749936310683909)
     assert pulse.end == 0.943 > 0.16800636893160892 + pulse.duration  # one instant
-    scenario = afl.Scenario(name="hair", disturbances=(pulse,), duration=0.943)
-    runs = closed_loop_runs(scenario, afl.CONTROLLERS["fixed"], Settings())
-    assert {run.outcome.kind for run in runs.values()} == {"completed"}
+    late = afl.ForcePulse(force=1.0, start=0.1, duration=0.2)  # 0.1 + 0.2 > 0.3
+    for one, end in ((pulse, 0.943), (late, 0.3)):
+        scenario = afl.Scenario(name="hair", disturbances=(one,), duration=end)
+        runs = closed_loop_runs(scenario, afl.CONTROLLERS["fixed"], Settings())
+        assert {run.outcome.kind for run in runs.values()} == {"completed"}
     assert afl.piecewise_linear((0.3, 0.3 + 1e-16), (1.0, 2.0)) == afl.staircase([0.3], [1.0, 2.0])

@@ -20,6 +20,17 @@ PACKAGE = ROOT / "afl_mujoco"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 
 
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+CONTRACTS = {one["id"]: one["name"] for one in PROJECT["tool"]["importlinter"]["contracts"]}
+EQUATIONS = "afl_mujoco.plants.cartpole_equations"
+INDEX = re.compile(  # a letter of each in brackets, lest this file match itself
+    r"pyp[i]\.org|python[h]osted|index[-]url|find[-]links|trusted[-]host|/simple[/]|file[:]//"
+)
+MODEL_FIELDS = {field for field in dir(mujoco.MjModel) if "_" in field[1:-1]}
+MODEL_FIELDS |= {"opt", "vis", "stat", "qpos0", "qpos_spring"}
+WRITERS = [PACKAGE / "simulation" / "mujoco_model.py", PACKAGE / "plants" / "writer.py"]
+
+
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -31,16 +42,9 @@ def relative(path: Path) -> str:
 ], ids=["the package", "the list of commands"])  # fmt: skip
 def test_what_every_user_waits_for_imports_nothing_heavy_and_is_quick(asked, heavy) -> None:
     program, started = f"{asked}; import sys; print(*sys.modules)", time.perf_counter()
-    run = subprocess.run(
-        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
-    )
+    loaded = subprocess.check_output([sys.executable, "-c", program], cwd=ROOT, text=True).split()
     assert time.perf_counter() - started < 5.0  # half a second on a quiet machine
-    assert heavy.isdisjoint(run.stdout.split())
-
-
-MODEL_FIELDS = {field for field in dir(mujoco.MjModel) if "_" in field[1:-1]}
-MODEL_FIELDS |= {"opt", "vis", "stat", "qpos0", "qpos_spring"}
-WRITERS = [PACKAGE / "simulation" / "mujoco_model.py", PACKAGE / "plants" / "writer.py"]
+    assert heavy.isdisjoint(loaded)
 
 
 def model_writes(code: str):
@@ -70,25 +74,14 @@ def test_a_write_to_a_model_is_noticed(line: str) -> None:
     assert list(model_writes(line)) != []
 
 
-INDEX = re.compile(  # a letter of each in brackets, lest this file match itself
-    r"pyp[i]\.org|python[h]osted|index[-]url|find[-]links|trusted[-]host|/simple[/]|file[:]//"
-)
-
-
-def committed_texts():
+def test_no_committed_file_names_a_package_index() -> None:
     listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     run = subprocess.run(listing, cwd=ROOT, capture_output=True, text=True)
     if run.returncode:
         pytest.skip("not a git checkout")
-    for name in run.stdout.split("\0"):
-        path = ROOT / name
-        if path.is_file() and b"\0" not in path.read_bytes():
-            yield path
-
-
-def test_no_committed_file_names_a_package_index() -> None:
-    named = [relative(path) for path in committed_texts() if INDEX.search(path.read_text())]
-    assert named == []
+    files = [path for name in run.stdout.split("\0") if (path := ROOT / name).is_file()]
+    texts = {path: path.read_text() for path in files if b"\0" not in path.read_bytes()}
+    assert [relative(path) for path, text in texts.items() if INDEX.search(text)] == []
 
 
 @pytest.mark.parametrize("lock", sorted(ROOT.glob("requirements*.lock")), ids=relative)
@@ -100,8 +93,7 @@ def test_a_lock_pins_versions_and_their_archives_and_says_nothing_else(lock: Pat
 
 
 def test_what_is_installed_is_what_pyproject_allows() -> None:
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
-    for line in project["project"]["dependencies"] + project["dependency-groups"]["dev"]:
+    for line in PROJECT["project"]["dependencies"] + PROJECT["dependency-groups"]["dev"]:
         asked = Requirement(line)
         if asked.marker is None or asked.marker.evaluate():
             assert asked.specifier.contains(version(asked.name), prereleases=True), line
@@ -117,18 +109,10 @@ def test_a_commit_has_a_subject_of_at_most_72_characters() -> None:
             break
 
 
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
-CONTRACTS = {one["id"]: one["name"] for one in PROJECT["tool"]["importlinter"]["contracts"]}
-
-
 def broken_contracts(folder: Path) -> set[str]:
-    run = subprocess.run(
-        [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"],
-        cwd=folder,
-        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
-        capture_output=True,
-        text=True,
-    )
+    command = [Path(sys.executable).with_name("lint-imports"), "--no-cache", "--no-logo"]
+    environment = {**os.environ, "COLUMNS": "200", "NO_COLOR": "1"}
+    run = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     broken = set(re.findall(r"^(.+) BROKEN", run.stdout, re.MULTILINE))
     assert run.returncode == bool(broken), run.stdout + run.stderr
     return broken
@@ -145,9 +129,6 @@ def package_copy(tmp_path: Path) -> Path:
 
 def test_the_import_contracts_hold(package_copy: Path) -> None:
     assert broken_contracts(package_copy) == set()
-
-
-EQUATIONS = "afl_mujoco.plants.cartpole_equations"
 
 
 @pytest.mark.parametrize(("contract", "module", "planted"), [

@@ -95,6 +95,11 @@ HIT = "[[disturbances]]\nshape = "
         ("[imperfections]\ndifferentiated = True",
          "is not valid TOML: Invalid value (at line 2, column 18): values are written true, "),
         ('name = "a\\u0000b"', "name must be printable, not empty and without '/'"),
+        ("belief = 'nominl'", "belief.value must be one of true, nominal, a number"),
+        ("belief.mass = 1.0", "belief.key must be one of cart_mass, pole_mass, half_length, grav"),
+        ("belief.cart_mass = -1.0", "belief.cart_mass value must be positive, got -1.0"),
+        ("belief.cart_mass = { error = -1 }", "belief.cart_mass error must be above -1, got -1.0"),
+        ("belief.cart_mass = { eror = 1 }", "belief.cart_mass eror is not a known key"),
     ],
     ids=lambda value: value[:36].replace("\n", " ").strip() if "must" not in value else "",
 )  # fmt: skip

@@ -8,19 +8,14 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.pool import open_executor
+from afl_mujoco.scenario import sample_space
+from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import IDEAL
-from afl_mujoco.scenario.sample_space import (
-    SampleSpace,
-    draws_of,
-    sample_point,
-    sample_scenario,
-    search_generator,
-)
+from afl_mujoco.scenario.sample_space import SampleSpace, draws_of, sample_point, sample_scenario
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import Run, run_all
 from afl_mujoco.studies.shared.search import Budget, minimise
-from tests.sample_spaces import near_laboratory
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 LEANING = afl.Scenario(name="leaning", duration=2.0, initial_state=(0.0, 0.2, 0.0, 0.0))
@@ -28,7 +23,8 @@ VARIED = {"phi": (-1.3, 1.3), "delay": (0.0, 0.2)}
 SPACE = SampleSpace(replace(LEANING, ranges=VARIED))
 SAMPLES = 16
 SMALL = Budget(generations=3, population=6)
-SHORT = near_laboratory(duration=2.0)
+TIMELESS = replace(LABORATORY.imperfections, control_period=None)
+SHORT = SampleSpace(replace(LABORATORY, duration=2.0, imperfections=TIMELESS))
 EULER = Deployed("Euler")
 
 
@@ -147,10 +143,12 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
         return [float(np.linalg.norm(point - planted)) for point in points]
 
     middle, budget = np.full(30, 0.5), Budget(generations=60, population=16)
-    best, tried = minimise(cost, middle, 0.3, search_generator(1), budget)
+    best, tried = minimise(cost, middle, 0.3, sample_space.search_generator(1), budget)
     assert cost([best])[0] < 0.2 * cost([middle])[0] and tried == budget.points == 961
     few = Budget(generations=3, population=6)
-    one, same, other = (minimise(cost, middle, 0.3, search_generator(x), few)[0] for x in (1, 1, 2))
+    one, same, other = (
+        minimise(cost, middle, 0.3, sample_space.search_generator(x), few)[0] for x in (1, 1, 2)
+    )
     assert one.tobytes() == same.tobytes() != other.tobytes()
     seen = []
 
@@ -159,7 +157,9 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
         return [-float(np.sum(point)) for point in points]
 
     before = np.random.get_state()[1].tobytes()  # noqa: NPY002
-    best, _ = minimise(cost, np.full(5, 0.9), 0.3, search_generator(0), Budget(generations=40))
+    best, _ = minimise(
+        cost, np.full(5, 0.9), 0.3, sample_space.search_generator(0), Budget(generations=40)
+    )
     assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002
     assert (np.min(seen) >= 0.0) and (np.max(seen) <= 1.0)
     assert best.min() > 0.99 and capfd.readouterr() == ("", "")
