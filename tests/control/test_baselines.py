@@ -19,10 +19,12 @@ from tests.feedback import force_of
 BASELINES = ("lqr", "pole-placement", "partial-linearization")
 PAIRS = [(m, x) for m in (0.1, 0.73, 2.0) for x in (0.05, 0.41, 1.0)]
 PLANTS = [afl.CartPoleParameters(cart_mass=m, half_length=x) for m, x in PAIRS]
-STEP = 1e-4  # of central differences: their error is of the order of its square
+LARGE = {"cart_mass": 8.0, "half_length": 1.5, "pole_mass": 0.2}
+HEAVY = afl.Scenario(name="large", schedule=LARGE, initial_state=(0.0, 0.3, 0.0, 0.0))
 
 
-def differences(rate, point, step=STEP):
+def differences(rate, point, step=1e-4):
+    """Central ones: their error is of the order of the square of the step."""
     steps = step * np.eye(len(point))
     return np.stack([(rate(point + d) - rate(point - d)) / (2.0 * step) for d in steps], axis=-1)
 
@@ -51,9 +53,7 @@ def test_the_linear_model_is_the_derivative_of_the_plant_at_upright(engine, odd_
         scale = np.abs(both).max()
         np.testing.assert_allclose(model.a, both[:, :4], atol=1e-6 * scale)
         np.testing.assert_allclose(model.b, both[:, 4], atol=1e-6 * scale)
-
-
-def test_a_pole_without_weight_on_a_cart_of_one_kilogram_is_the_partly_linearised_one():
+    # without weight, on a cart of one kilogram, it is the partly linearised one
     light = afl.CartPoleParameters(cart_mass=1.0, pole_mass=1e-13, half_length=0.37, gravity=9.65)
     partial = design.partially_linear_model(0.37, 9.65)
     for one, other in zip(design.upright_model(light), partial, strict=True):
@@ -168,19 +168,10 @@ def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, monkeypatch
     assert np.abs(ode.state - short.state).max() < 3e-10
 
 
-HEAVY = afl.Scenario(name="heavy and long", schedule={
-    "cart_mass": 8.0, "half_length": 1.5, "pole_mass": 0.2,
-}, initial_state=(0.0, 0.3, 0.0, 0.0))  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    "scenario",
-    [afl.SCENARIOS["step-step-impulse"], afl.SCENARIOS["trapezoid-trapezoid"], HEAVY],
-    ids=lambda s: s.name,
-)
+@pytest.mark.parametrize("scenario", ["step-step-impulse", "trapezoid-trapezoid", HEAVY])
 @pytest.mark.parametrize("name", BASELINES)
 def test_every_baseline_balances_from_the_paper_s_start_and_beyond_its_box(name, scenario):
-    run = afl.simulate_mujoco(scenario, afl.CONTROLLERS[name], "sampled")
+    run = afl.simulate_mujoco(scenario, name, "sampled")
     assert str(run.outcome) == "completed" and np.abs(run.state[-1]).max() < 0.02
 
 

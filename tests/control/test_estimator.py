@@ -17,6 +17,17 @@ from afl_mujoco.scenario.parameters import NOMINAL, PlantRange
 
 DT = 1e-3
 ODD = replace(NOMINAL, pole_mass=0.083, gravity=9.65)
+EVERY_ODD = EstimatorSettings(
+    position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2, cart_mass_accuracy=0.05,
+    half_length_accuracy=0.2, least_cart_acceleration=2.0, least_pole_acceleration=0.5,
+    excitation_memory=0.02, initial_cart_mass=0.7, initial_half_length=0.3, cart_mass_spread=0.6,
+    half_length_spread=0.4, speed_spread=0.3, rate_spread=0.2,
+)  # fmt: skip
+MATCHED = EstimatorSettings(
+    acceleration_noise=0.05, cart_mass_accuracy=1e-6, half_length_accuracy=1e-6,
+    initial_cart_mass=0.8, initial_half_length=0.4, cart_mass_spread=0.1, half_length_spread=0.1,
+    speed_spread=0.1, rate_spread=0.1,
+)  # fmt: skip
 
 
 def flow(x, force, pole_mass, gravity):
@@ -43,15 +54,16 @@ class Textbook:
     """The extended Kalman filter (E1) to (E8) in matrices, both measurements at once."""
 
     def __init__(self, settings: EstimatorSettings, plant, z: float, phi: float):
-        s, self.plant = settings, plant
-        self.settings = s
+        s = self.settings = settings
         logs = np.log([s.initial_cart_mass, s.initial_half_length])
-        self.x = np.array([z, phi, 0.0, 0.0, *logs])
+        self.x, self.plant = np.array([z, phi, 0.0, 0.0, *logs]), plant
         spreads = (s.speed_spread, s.rate_spread, s.cart_mass_spread, s.half_length_spread)
         self.P = np.diag(np.square([s.position_noise, s.angle_noise, *spreads]))
-        self.excitation = np.zeros(2)
-        self.nis = 0.0
-        self.said = [*np.exp(self.x[4:]), *self.x[2:4], self.nis]
+        self.excitation, self.nis = np.zeros(2), 0.0
+
+    @property
+    def said(self):
+        return [*np.exp(self.x[4:]), *self.x[2:4], self.nis]
 
     def update(self, z, phi, force, dt):
         s, known = self.settings, (self.plant.pole_mass, self.plant.gravity)
@@ -84,7 +96,6 @@ class Textbook:
             if excited[i]:
                 self.P[4 + i, 4 + i] = max(self.P[4 + i, 4 + i], least[i])
             self.x[4 + i] = np.clip(self.x[4 + i], *ranges[i])
-        self.said = [*np.exp(self.x[4:]), *self.x[2:4], self.nis]
 
 
 @kernel
@@ -143,14 +154,6 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
         np.testing.assert_allclose(transition, exact, rtol=0, atol=2 * third + 1e-12)
 
 
-EVERY_ODD = EstimatorSettings(
-    position_noise=3e-4, angle_noise=2e-3, acceleration_noise=0.2, cart_mass_accuracy=0.05,
-    half_length_accuracy=0.2, least_cart_acceleration=2.0, least_pole_acceleration=0.5,
-    excitation_memory=0.02, initial_cart_mass=0.7, initial_half_length=0.3, cart_mass_spread=0.6,
-    half_length_spread=0.4, speed_spread=0.3, rate_spread=0.2,
-)  # fmt: skip
-
-
 @pytest.mark.parametrize(("settings", "dt"), [(EstimatorSettings(), 1e-3), (EVERY_ODD, 4e-3)])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
     known = ODD.pole_mass, ODD.gravity
@@ -167,13 +170,6 @@ def test_it_is_the_textbook_s_filter(settings, dt, rng):
     # two orders of the same sums, and their rounding fed back over 600 updates
     np.testing.assert_allclose(out, expected, rtol=1e-7, atol=1e-8)
     np.testing.assert_allclose(memory["covariance"], book.P, rtol=1e-6, atol=1e-12)
-
-
-MATCHED = EstimatorSettings(
-    acceleration_noise=0.05, cart_mass_accuracy=1e-6, half_length_accuracy=1e-6,
-    initial_cart_mass=0.8, initial_half_length=0.4, cart_mass_spread=0.1, half_length_spread=0.1,
-    speed_spread=0.1, rate_spread=0.1,
-)  # fmt: skip
 
 
 def test_its_errors_match_its_covariance_and_its_innovations_theirs():
@@ -205,14 +201,12 @@ def run_with_truth(mass, length, duration=0.6):
     return afl.simulate_ode_held(scenario, "adaptive", control_period=DT)
 
 
-@pytest.mark.parametrize(
-    ("mass", "length"), [(0.1, 0.05), (0.1, 1.0), (0.6, 0.3), (2.0, 0.05), (2.0, 1.0)]
-)
-def test_without_noise_it_finds_any_plant_of_the_box(mass, length):
-    run = run_with_truth(mass, length)
+@pytest.mark.parametrize("plant", [(0.1, 0.05), (0.1, 1.0), (0.6, 0.3), (2.0, 0.05), (2.0, 1.0)])
+def test_without_noise_it_finds_any_plant_of_the_box(plant):
+    run = run_with_truth(*plant)
     settings = EstimatorSettings(position_noise=1e-6, angle_noise=1e-6)
     out, _ = run_estimator(settings, run.state[:, :2], run.force[:-1])
-    assert np.abs(np.log(out[50, :2] / [mass, length])).max() < 0.01
+    assert np.abs(np.log(out[50, :2] / plant)).max() < 0.01
     np.testing.assert_allclose(out[100:, 2:4], run.state[100:, 2:4], rtol=0, atol=0.01)
 
 
@@ -263,18 +257,15 @@ def test_whatever_it_is_given_it_stays_finite_and_in_its_range():
         assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > -1e-9
 
 
-def test_by_default_it_knows_m_and_g_and_keeps_to_the_box_and_twice_the_start():
-    _, usual = EstimatorSettings().on(NOMINAL)
+def test_it_knows_m_and_g_keeps_to_the_box_and_twice_the_start_and_starts_over_there():
+    settings, usual = EstimatorSettings().on(NOMINAL)
     assert usual == PlantRange((0.08, 2.5), (0.04, 1.25), 0.05, 9.81)
     heavy = afl.CartPoleParameters(cart_mass=8.0, half_length=1.5, pole_mass=0.2, gravity=3.7)
     record, assumed = EstimatorSettings().on(heavy)
     assert assumed == PlantRange((0.08, 16.0), (0.04, 3.0), 0.2, 3.7)
     assert (record["pole_mass"], record["gravity"]) == (0.2, 3.7)
     np.testing.assert_allclose(np.exp(record["ln_highest"]), (16.0, 3.0))
-
-
-def test_a_filter_that_starts_over_keeps_what_it_knows_of_the_plant():
-    memory, settings = estimator.new_filter(), EstimatorSettings().on(NOMINAL)[0]
+    memory = estimator.new_filter()
     estimator.start(memory, settings, 0.1, 0.2)
     memory["state"][:] = 1.0, 1.0, 1.0, 600.0, math.log(1.7), math.log(0.8)
     found = estimator.update(memory, settings, 0.3, 0.4, 0.0, 1e-3)

@@ -12,22 +12,27 @@ from afl_mujoco.errors import ControllerDomainError, InvalidValueError
 from tests.messages import line
 
 GAINS = Gains(switching=87.0, slope=1.7, boundary_layer=63.0)
-OUTSIDE = [0.5 * math.pi, -3.0, math.nan]
+RELATIVE = 1e-12  # the limit of A9
+
+z, phi, z_dot, phi_dot, u = sp.symbols("z phi z_dot phi_dot u", real=True)
+length, g = sp.symbols("l g", positive=True)
+STATE = (z, phi, z_dot, phi_dot)
 
 
 def _coordinates(states, p):
     z, phi, z_dot, phi_dot = states.T
-    half, g = p.half_length, p.gravity
-    return (
-        fl.xi1(z, phi, half), fl.xi2(z_dot, phi, phi_dot, half), fl.xi3(phi, phi_dot, half, g),
-        fl.xi4(phi, phi_dot, half, g), fl.alpha(phi, phi_dot, half, g),
-        fl.beta(phi, phi_dot, half, g),
-    )  # fmt: skip
+    found = {
+        "xi1": fl.xi1(z, phi, p.half_length),
+        "xi2": fl.xi2(z_dot, phi, phi_dot, p.half_length),
+    }
+    for name in ("xi3", "xi4", "alpha", "beta"):
+        found[name] = getattr(fl, name)(phi, phi_dot, p.half_length, p.gravity)
+    return found
 
 
 def test_the_sliding_variable_is_l8_and_the_force_l9_and_l10_in_l1(random_states, odd_parameters):
     p, lam = odd_parameters, GAINS.slope
-    x1, x2, x3, x4, alpha, beta = _coordinates(random_states, p)
+    x1, x2, x3, x4, alpha, beta = _coordinates(random_states, p).values()
     terms = np.array([x4, 3 * lam * x3, 3 * lam**2 * x2, lam**3 * x1])
     s = sliding_variable(random_states, p, GAINS)
     beyond = np.abs(s) > GAINS.boundary_layer
@@ -51,7 +56,7 @@ def test_the_control_law_is_finite_up_to_the_edge_of_its_domain(odd_parameters):
     assert force.shape == (2, 8) and np.isfinite(force).all()
 
 
-@pytest.mark.parametrize("phi", OUTSIDE, ids=str)
+@pytest.mark.parametrize("phi", [0.5 * math.pi, -3.0, math.nan], ids=str)
 @pytest.mark.parametrize("function", [control_force, sliding_variable])
 def test_outside_its_domain_it_is_an_error_that_names_the_angle(function, phi, odd_parameters):
     states = np.array([[0.0, 0.1, 0.0, 0.0], [0.0, phi, 0.0, 0.0]])
@@ -65,13 +70,6 @@ def test_outside_its_domain_it_is_an_error_that_names_the_angle(function, phi, o
 def test_a_gain_that_is_not_positive_is_refused(name, value):
     with pytest.raises(InvalidValueError, match=f"^{name} must be"):
         Gains(**{"switching": 1.0, "slope": 1.0, "boundary_layer": 1.0, name: value})
-
-
-RELATIVE = 1e-12  # the limit of A9
-
-z, phi, z_dot, phi_dot, u = sp.symbols("z phi z_dot phi_dot u", real=True)
-length, g = sp.symbols("l g", positive=True)
-STATE = (z, phi, z_dot, phi_dot)
 
 
 def _rate(expression):
@@ -101,15 +99,10 @@ def derived():
 
 
 def test_the_code_computes_the_lie_derivatives(derived, random_states, odd_parameters):
-    p, (s0, s1, s2, s3) = odd_parameters, random_states.T
-    half, gravity = p.half_length, p.gravity
-    found = {
-        "xi1": fl.xi1(s0, s1, half), "xi2": fl.xi2(s2, s1, s3, half),
-        **{name: getattr(fl, name)(s1, s3, half, gravity) for name in [*derived][2:]},
-    }  # fmt: skip
-    for name, actual in found.items():
+    p = odd_parameters
+    for name, actual in _coordinates(random_states, p).items():
         exact = sp.lambdify((STATE, length, g), derived[name], "mpmath")  # no overflow
-        expected = [float(exact(state, half, gravity)) for state in random_states.tolist()]
+        expected = [float(exact(x, p.half_length, p.gravity)) for x in random_states.tolist()]
         scale = np.abs(expected).max() * 1e-3  # where terms cancel, relative to the terms
         np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * scale)
 

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco import acceleration
 from afl_mujoco.control import controller as form
-from afl_mujoco.control.controller import Laws, command
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.simulation.bound_controllers import bound
 from tests.plants.plants import known
@@ -25,61 +23,41 @@ def test_gains_along_ramps_are_those_of_the_parameters_of_each_instant() -> None
     state, found = np.linspace(-0.3, 0.4, 8), np.empty(2)
     pieces = []
     for segment in scenario.segments:
-        law = Laws(controller, scenario).along(segment)
+        law = form.Laws(controller, scenario).along(segment)
         pieces.append(len(law.rows))
         for time in np.linspace(segment.start, segment.end, 23):
             values = segment.values_at(time)
-            command(law, time, state, values.copy(), found)
+            form.command(law, time, state, values.copy(), found)
             np.testing.assert_allclose(found, controller.command(time, state, values), rtol=1e-12)
     assert min(pieces) == 1 < max(pieces)  # both constant and cut at nodes
 
 
-def test_what_a_controller_raises_in_a_compiled_loop_is_raised() -> None:
-    def fails(time, state, belief):
-        if time > 0.1:
-            raise LookupError("no gains")
-        return 0.0
-
-    with pytest.raises(afl.AflMujocoError, match=r"raised LookupError at t = 0.1.* no gains"):
-        afl.simulate_ode("nominal", fails)
-
-
-def test_a_ctrl_c_in_a_compiled_loop_ends_it() -> None:
+def test_what_a_controller_raises_in_a_compiled_loop_is_raised_and_a_ctrl_c_ends_it() -> None:
     called = []
 
-    def interrupted(time, state, belief):
+    def fails(time, state, belief):
         called.append(time)
-        raise KeyboardInterrupt
+        raise raised
 
-    controller = PythonController(name="interrupted", function=interrupted, stateful=False)
+    raised = LookupError("no gains")
+    with pytest.raises(afl.AflMujocoError, match=r"raised LookupError at t = 0.1.* no gains"):
+        afl.simulate_ode("nominal", lambda t, x, b: fails(t, x, b) if t > 0.1 else 0.0)
+    called, raised = [], KeyboardInterrupt()
+    controller = PythonController(name="interrupted", function=fails, stateful=False)
     with pytest.raises(KeyboardInterrupt):
         afl.simulate_ode_rk4("nominal", controller)
     assert len(called) == 1
 
 
-MASSES, LENGTHS = np.array([0.2, 0.5, 0.9, 1.0]), np.array([0.1, 0.3, 0.4, 0.8, 1.1])
-
-
-@pytest.fixture
-def table(rng):
-    return rng.uniform(-9.0, 9.0, (len(MASSES), len(LENGTHS), 4))
-
-
-def values_of(p):
-    return p.cart_mass, p.pole_mass, p.half_length, p.gravity
-
-
-def along(controller, states, assumed):
-    return np.array([form.compiled_force(*controller, *s, assumed) for s in states.tolist()])
-
-
-def test_partial_feedback_gives_the_cart_what_it_asks_for(random_states, table, odd_parameters):
-    p = odd_parameters
-    force = along((form.PARTIAL, table, MASSES, LENGTHS, 0.0), random_states, values_of(p))
-    gains = form.interpolated_gains(table, MASSES, LENGTHS, p.cart_mass, p.half_length)
-    asked = -random_states @ np.array(gains)
-    cart, pole = acceleration(random_states, force, p).T
-    _, phi, _, _ = random_states.T
+def test_partial_feedback_gives_the_cart_what_it_asks_for(random_states, rng, odd_parameters):
+    p, masses, lengths = odd_parameters, np.array([0.2, 0.5, 0.9]), np.array([0.1, 0.3, 0.8, 1.1])
+    table = rng.uniform(-9.0, 9.0, (len(masses), len(lengths), 4))
+    told = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
+    law = (form.PARTIAL, table, masses, lengths, 0.0)
+    force = [form.compiled_force(*law, *state, told) for state in random_states.tolist()]
+    gains = form.interpolated_gains(table, masses, lengths, p.cart_mass, p.half_length)
+    asked, phi = -random_states @ np.array(gains), random_states[:, 1]
+    cart, pole = afl.acceleration(random_states, np.array(force), p).T
     np.testing.assert_allclose(cart, asked, rtol=1e-12, atol=1e-10)
     expected = 0.75 / p.half_length * (p.gravity * np.sin(phi) + asked * np.cos(phi))
     np.testing.assert_allclose(pole, expected, rtol=1e-12, atol=1e-9)

@@ -9,6 +9,27 @@ from afl_mujoco.scenario.belief import Assumed
 from afl_mujoco.scenario.files import scenario_from_table, scenario_to_table
 from tests.plants.plants import known
 
+BY_HAND = """
+duration = 12
+schedule.half_length = 0.4
+[schedule.cart_mass]
+shape = "joined"
+starts = [0, 4, 8]
+pieces = [
+  {shape = "staircase", times = [1], values = [0.5, 1]},
+  {shape = "trapezoid", times = [0, 1, 2, 3], low = 1, high = 2}, {shape = "constant", value = 3},
+]
+[[disturbances]]
+shape = "pulse"
+force = -10
+start = 10
+duration = 0.1
+[[disturbances]]
+shape = "impulse"
+momentum = 1
+time = 5
+"""
+
 
 @pytest.mark.parametrize("belief", ["nominal", {"cart_mass": Assumed("true", 0.1), "gravity": 9.0}])
 def test_a_scenario_survives_its_file(odd_scenario, belief, tmp_path):
@@ -23,53 +44,47 @@ def test_a_scenario_survives_its_file(odd_scenario, belief, tmp_path):
 
 
 def test_every_shape_can_be_written_by_hand(tmp_path):
-    path = tmp_path / "by hand.toml"
-    path.write_text(
-        """
-        duration = 12
-        [schedule]
-        half_length = 0.4
-        [schedule.cart_mass]
-        shape = "joined"
-        starts = [0, 4, 8]
-        pieces = [
-          {shape = "staircase", times = [1], values = [0.5, 1]},
-          {shape = "trapezoid", times = [0, 1, 2, 3], low = 1, high = 2},
-          {shape = "constant", value = 3},
-        ]
-        [[disturbances]]
-        shape = "pulse"
-        force = -10
-        start = 10
-        duration = 0.1
-        [[disturbances]]
-        shape = "impulse"
-        momentum = 1
-        time = 5
-        """
-    )
+    (path := tmp_path / "by hand.toml").write_text(BY_HAND)
     scenario = afl.load_scenario(path)
     assert (scenario.name, scenario.duration) == ("by hand", 12.0)
     assert scenario.half_length.at(3.0) == 0.4
     assert scenario.cart_mass([0.5, 1, 4, 4.5, 5, 6.5, 8]).tolist() == [0.5, 1, 1, 1.5, 2, 1.5, 3]
-    assert scenario.disturbances == (
-        afl.ForcePulse(force=-10, start=10, duration=0.1),
-        afl.Impulse(momentum=1, time=5),
-    )
-
-
-def test_what_a_file_leaves_out_is_nominal(tmp_path):
-    (tmp_path / "nominal.toml").write_text("[schedule]")
+    pulse = afl.ForcePulse(force=-10, start=10, duration=0.1)
+    assert scenario.disturbances == (pulse, afl.Impulse(momentum=1, time=5))
+    (tmp_path / "nominal.toml").write_text("[schedule]")  # what a file leaves out is nominal
     assert afl.load_scenario(tmp_path / "nominal.toml") == afl.SCENARIOS["nominal"]
-
-
-TABLE = "[schedule.cart_mass]\nshape = "
-HIT = "[[disturbances]]\nshape = "
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        ("imperfections.drag = 1", "imperfections.drag is not a known key; known keys: control_p"),
+        ("imperfections.encoder_step.z = 1e-13",
+         "imperfections.encoder_step.z must be 0 or at least 1e-12, got 1e-13"),
+        ("imperfections.delay = -0.1", "imperfections.delay must not be negative, got -0.1"),
+        ("imperfections.differentiated = 1",
+         "imperfections.differentiated must be true or false, got 1"),
+        ("imperfections.seed = 1.5", "imperfections.seed must be a whole number, got 1.5"),
+        ("imperfections.end_stops.z = 0.5\ninitial_state = [-0.6, 0, 0, 0]",
+         "initial_state z must lie within end_stops.z, 0.5 m, got"),
+        ("ranges.phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
+        ("ranges.phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run end"),
+        ("ranges.phi = 3.0", "ranges.phi must be a range: its least and its largest value, got 3"),
+        ("ranges.phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
+        ("requirements.max.z = -1", "requirements.max.z must be positive, got -1"),
+        ("requirements.max.phi = 15",
+         "requirements.max.phi must be at most 1.57 rad, where a run ends (15 degrees is"),
+        ("requirements.max_force = 1",
+         "requirements.max_force is not a known key; it is now max = { force"),
+        ("[requirements]\nends_at = {}\nmax.phi = 90",
+         "requirements.max.phi must be at most 3.142 rad, as it is mea"),
+        ("requirements.min.phi = -3.2", "requirements.min.phi must lie in -3.142 to 3.142, as it "),
+        ("requirements.max.y = 1",
+         "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),
+        ("requirements.settling_time = 21",
+         "requirements.settling_time must be at most 20 s, the duration, got 21"),
+        ("requirements.recover_within = 1",
+         "requirements.recover_within needs a disturbance to recover from"),
         ("", "must have at least one key: it is empty or all comments"),
         ("half_length = 1", "half_length is not a known key; it is now [schedule] half_length"),
         ("delay = 1", "delay is not a known key; known keys: name, plant, duration, "),
@@ -80,14 +95,15 @@ HIT = "[[disturbances]]\nshape = "
         ("duration = 12\nimperfections.delay = 12",
          "imperfections.delay must be shorter than the duration, 12 s, got 12 s"),
         ("plant = { name = 'x' }", 'plant must be "FILE.py:NAME", got '),
-        (TABLE + "'spline'", "schedule.cart_mass.shape must be one of constant, staircase, "),
+        ("[schedule.cart_mass]\nshape = 'spline'",
+         "schedule.cart_mass.shape must be one of constant, staircase, "),
         ("[schedule.cart_mass]\ntimes = [1]", "schedule.cart_mass must have a shape, one of "),
         ("duration = 1e-300", "duration must be positive, got 0.0"),
-        (TABLE + "'staircase'\ntimes = [1]\nvalues = [1, 2]\nhigh = 3",
+        ("schedule.cart_mass = {shape = 'staircase', times = [1], values = [1, 2], high = 3}",
          "schedule.cart_mass.high is not a known key; known keys: times, values"),
-        (TABLE + "'joined'\nstarts = [0]\npieces = [{shape = 'staircase', times = [1]}]",
-         "schedule.cart_mass.pieces[0].values is missing"),
-        (HIT + "'impulse'\nmomentum = 1\ntime = 21.0",
+        ("[schedule.cart_mass]\nshape = 'joined'\nstarts = [0]\npieces = [{shape = 'staircase', "
+         "times = [1]}]", "schedule.cart_mass.pieces[0].values is missing"),
+        ("disturbances = [{shape = 'impulse', momentum = 1, time = 21.0}]",
          "disturbance must end within the duration 20.0 s, got 21.0"),
         ("name = ", "is not valid TOML: "),
         ("[disturbances]\nshape = 'pulse'",
@@ -113,16 +129,10 @@ def test_the_message_names_file_key_and_value(text, message, tmp_path):
     assert "\n" not in said
 
 
-@pytest.mark.parametrize(
-    "run",
-    [
-        afl.simulate_mujoco,
-        afl.simulate_ode,
-        afl.simulate_ode_rk4,
-        afl.simulate_ode_held,
-        lambda scenario, controller: afl.run_all(controller, scenario)[0],
-    ],
-)
+@pytest.mark.parametrize("run", [
+    afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_rk4, afl.simulate_ode_held,
+    lambda scenario, controller: afl.run_all(controller, scenario)[0],
+])  # fmt: skip
 def test_every_simulator_takes_the_path_of_a_file_or_a_name(tmp_path, run):
     scenario = afl.Scenario(name="mine", duration=0.02)
     afl.save_scenario(scenario, path := tmp_path / "mine.toml")

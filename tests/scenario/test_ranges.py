@@ -7,7 +7,6 @@ import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY, START, with_ranges
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from tests.messages import line
 from tests.plants.plants import known
 
 RIG = """
@@ -87,18 +86,6 @@ def test_a_range_must_be_of_one_thing_and_of_the_form_that_the_file_has() -> Non
         afl.Scenario(name="s", plant=own, ranges={"delay": (0.1, 0.2)})
 
 
-@pytest.mark.parametrize(("text", "message"), [
-    ("phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
-    ("phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run ends"),
-    ("phi = 0.3", "ranges.phi must be a range: its least and its largest value, got 0.3"),
-    ("phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
-])  # fmt: skip
-def test_a_table_that_breaks_a_rule_is_refused(tmp_path, text: str, message: str) -> None:
-    (tmp_path / "own.toml").write_text(f"[ranges]\n{text}\n")
-    with pytest.raises(AflMujocoError, match=line(f"{tmp_path / 'own.toml'}: {message}", ...)):
-        afl.load_scenario(tmp_path / "own.toml")
-
-
 def test_a_space_that_cannot_be_drawn_from_is_refused() -> None:
     with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
         SampleSpace(afl.SCENARIOS["nominal"])
@@ -108,9 +95,6 @@ def test_a_space_that_cannot_be_drawn_from_is_refused() -> None:
     own = afl.Scenario(name="own", ranges={"cart_mass": (1.0, 2.0)}, duration=0.008)
     with pytest.raises(AflMujocoError, match=r"^duration must be more than 0\.008 s, for"):
         SampleSpace(own)
-
-
-def test_noise_of_velocities_that_are_differentiated_is_not_drawn() -> None:
     own = replace(LABORATORY, ranges={}, imperfections=afl.Imperfections(differentiated=True))
     left_out = HARDWARE_RANGES.keys() - with_ranges(own).ranges.keys()
     assert left_out == {"noise.z_dot", "noise.phi_dot"}

@@ -5,15 +5,10 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario import sample_space
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY
 from afl_mujoco.scenario.imperfections import DRAWS
-from afl_mujoco.scenario.sample_space import (
-    SampleSpace,
-    acting,
-    sample_point,
-    sample_scenario,
-    search_generator,
-)
+from afl_mujoco.scenario.sample_space import SampleSpace, sample_point, sample_scenario
 
 SPACE = SampleSpace(LABORATORY)
 MANY = 300
@@ -35,7 +30,7 @@ def test_a_coordinate_acts_where_it_changes_the_scenario_and_nowhere_else() -> N
             other = point.copy()
             other[i] = (other[i] + 0.5) % 1.0
             same = SPACE.scenario_of(other, 0, 0) == SPACE.scenario_of(point, 0, 0)
-            assert same == (name not in acting(away)), name
+            assert same == (name not in sample_space.acting(away)), name
             seen.add(same)
     assert seen == {True, False}
 
@@ -58,8 +53,11 @@ def test_points_noise_and_searches_share_no_random_numbers() -> None:
     assert one.imperfections.seed != other.imperfections.seed
     same = replace(one.imperfections, seed=other.imperfections.seed)
     assert replace(one, name=other.name, imperfections=same) == other
-    drawn = search_generator(7).random(SPACE.dimension)
+    drawn = sample_space.search_generator(7).random(SPACE.dimension)
     assert all((sample_point(SPACE, i, 7) != drawn).all() for i in range(100))
+    for outside in (np.zeros(3), np.full(SPACE.dimension, 1.1)):
+        with pytest.raises(InvalidValueError, match=r"^point must "):
+            SPACE.scenario_of(outside, 0, 0)
 
 
 def test_every_sample_lies_in_the_ranges_and_fills_them(samples: list[afl.Scenario]) -> None:
@@ -89,9 +87,3 @@ def test_the_shapes_and_their_instants_are_as_said(samples: list[afl.Scenario]) 
             assert all(0.0 < t <= SPACE.last_change for t in breaks)
             assert all(round(1e3 * t) == pytest.approx(1e3 * t, abs=1e-9) for t in breaks)
     assert min(counts.values()) > MANY / 2  # each a third of twice as many schedules
-
-
-@pytest.mark.parametrize("point", [np.zeros(3), np.full(SPACE.dimension, 1.1)], ids=["3", "1.1"])
-def test_a_point_outside_the_cube_is_refused(point) -> None:
-    with pytest.raises(InvalidValueError, match=r"^point must "):
-        SPACE.scenario_of(point, 0, 0)
