@@ -9,19 +9,11 @@ import pytest
 
 from tests.program import COMMAND
 
-SHORT = """
-duration = 0.2
-[schedule]
-cart_mass = 1.0
-half_length = 0.5
-"""
-WRITTEN = {"short.toml", "short-lqr-sampled.npz"}
-
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "short.toml").write_text(SHORT)
-    (tmp_path / "fails.toml").write_text(SHORT + "[requirements]\nmax.force = 1e-9\n")
+    (tmp_path / "short.toml").write_text("duration = 0.2\n")
+    (tmp_path / "fails.toml").write_text("duration = 0.2\nrequirements.max.force = 1e-9\n")
     (tmp_path / "mine.py").write_text("def force(t, x, belief):\n    print('φ')\n    return 0.0\n")
     return tmp_path
 
@@ -65,17 +57,12 @@ def test_an_output_that_takes_nothing_is_2_after_the_files_are_written(folder: P
         shutil.rmtree(folder / "out", ignore_errors=True)
         found = shell(folder, redirected, *arguments)
         assert found == (2, f"afl-mujoco: stdout cannot be written: {why}\n")
-        assert arguments is not run or written(folder) == WRITTEN
+        assert arguments is not run or written(folder) == {"short.toml", "short-lqr-sampled.npz"}
 
 
 def test_a_pipe_that_closes_is_silent_and_keeps_the_verdict(folder: Path) -> None:
-    with subprocess.Popen(
-        [*COMMAND, *simulate("fails.toml")],
-        cwd=folder,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-    ) as process:
-        assert process.stdout is not None and process.stderr is not None
+    pipes, command = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE), simulate("fails.toml")
+    with subprocess.Popen([*COMMAND, *command], cwd=folder, **pipes) as process:
         process.stdout.close()
         said = process.stderr.read()
     assert (process.returncode, said) == (1, b"")

@@ -116,9 +116,7 @@ def pictures(browser: webdriver.Chrome, found: WebElement) -> list[str]:
     return ask(browser, shown, found)
 
 
-def test_every_image_loads_without_a_word_on_the_console_but_for_the_film_that_is_gone(
-    browser, page
-):
+def test_every_image_loads_without_a_word_on_the_console_but_for_a_film_gone(browser, page):
     browser.get(page.as_uri())
     wait(browser, "document.readyState === 'complete'")
     replay(browser)
@@ -129,11 +127,8 @@ def test_every_image_loads_without_a_word_on_the_console_but_for_the_film_that_i
     said = [entry["message"] for entry in browser.get_log("browser")]
     assert [message for message in said if "gone.mp4" not in message] == []
     assert ask(browser, "document.title").startswith("FAIL")  # of the comparison; the checks hold
-
-
-def test_a_film_that_is_gone_is_a_line_and_no_broken_player(opened: webdriver.Chrome) -> None:
-    wait(opened, "!document.querySelector('video[data-name=\"gone.mp4\"]')")
-    line = opened.find_element(By.CSS_SELECTOR, "p.missing").text
+    wait(browser, "!document.querySelector('video[data-name=\"gone.mp4\"]')")  # no broken player
+    line = browser.find_element(By.CSS_SELECTOR, "p.missing").text
     assert line.startswith("gone.mp4 is not where this page looks for it")
 
 

@@ -19,10 +19,9 @@ def test_the_version_is_the_package_s_and_nothing_is_meant_by_another_option(com
 
 
 def test_lists_of_numbers_take_commas_and_nothing_else_is_taken_apart() -> None:
-    words = ["--cart-masses", "0.1,2", "--lower=1,2", "-1,1e-3", "a,b", "1", "640x480", ","]
-    assert terminal.numbers_apart(words) == [
-        "--cart-masses", "0.1", "2", "--lower=1,2", "-1", "1e-3", "a,b", "1", "640x480", ","
-    ]  # fmt: skip
+    words = "--cart-masses 0.1,2 --lower=1,2 -1,1e-3 a,b 1 640x480 ,".split()
+    apart = "--cart-masses 0.1 2 --lower=1,2 -1 1e-3 a,b 1 640x480 ,".split()
+    assert terminal.numbers_apart(words) == apart
 
 
 def test_a_check_says_the_command_that_makes_it_again() -> None:

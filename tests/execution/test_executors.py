@@ -7,16 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from afl_mujoco import pool
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
-from afl_mujoco.pool import (
-    MAX_DEATHS,
-    compute_all,
-    in_process,
-    kept_processes,
-    open_executor,
-)
+from afl_mujoco.pool import compute_all, in_process, open_executor
 from tests.execution import units
-from tests.execution.units import kept
 from tests.messages import line
 
 
@@ -41,7 +35,7 @@ def pids_of(folder: Path) -> set[str]:
 
 
 def test_kept_processes_serve_every_use_until_one_fails_and_end_with_the_block(tmp_path) -> None:
-    with kept_processes():
+    with pool.kept_processes():
         first: set[str] = set()
         # On a busy machine one of the two may do every unit of a use, and the other appear later;
         # if they were not kept, three uses would show at least three processes.
@@ -73,22 +67,16 @@ def test_progress_is_called_with_each_index_as_it_is_done() -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_of_a_unit_is_its_own_and_ends_the_work_at_once(tmp_path, workers) -> None:
-    begun = time.monotonic()
+def test_an_error_of_a_unit_is_its_own_and_at_once_and_work_goes_on_with_what_is_missing(
+    tmp_path, workers
+) -> None:
+    found, begun = {}, time.monotonic()
     with pytest.raises(InvalidValueError, match=f"unit must not be the victim, got {units.VICTIM}"):
-        computed(units.refused, tmp_path, workers)
-    assert time.monotonic() - begun < units.PATIENCE
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_work_that_was_broken_off_goes_on_with_what_is_missing(tmp_path, workers) -> None:
-    found = {}
-    with pytest.raises(InvalidValueError):
         computed(units.refused, tmp_path, workers, found)
+    assert time.monotonic() - begun < units.PATIENCE
     done = set(found)
     assert done <= set(range(units.VICTIM))
-    for path in (tmp_path / "tried").iterdir():
-        path.unlink()
+    pids_of(tmp_path)
     assert repr(computed(units.noted, tmp_path, workers, found)) == repr(units.SERIAL)
     assert set(units.tries(tmp_path / "tried")) == set(range(units.COUNT)) - done
 
@@ -96,7 +84,7 @@ def test_work_that_was_broken_off_goes_on_with_what_is_missing(tmp_path, workers
 def test_a_killed_worker_loses_nothing_and_a_unit_that_kills_all_ends_the_work(tmp_path) -> None:
     assert repr(computed(units.doomed_once, tmp_path, 2)) == repr(units.SERIAL)
     assert units.tries(tmp_path / "tried")[units.VICTIM] == 2
-    said = line(f"worker process died {MAX_DEATHS} times", ...)
+    said = line(f"worker process died {pool.MAX_DEATHS} times", ...)
     with pytest.raises(AflMujocoError, match=said), open_executor(2) as executor:
         compute_all(units.doomed_always, range(8), executor)
 
@@ -105,27 +93,22 @@ def test_a_killed_worker_loses_nothing_and_a_unit_that_kills_all_ends_the_work(t
 def test_ctrl_c_leaves_the_finished_units_and_no_process(tmp_path: Path, workers: int) -> None:
     file = tmp_path / "done"
     with units.program(tmp_path, workers) as process:
-        units.awaited(lambda: len(kept(file)) >= 3)
+        units.awaited(lambda: len(units.kept(file)) >= 3)
         units.interrupt(process)
-    assert 3 <= len(kept(file)) < 200
+    assert 3 <= len(units.kept(file)) < 200
 
 
-def test_ctrl_c_while_processes_start_is_silent(tmp_path: Path) -> None:
+def test_ctrl_c_while_processes_start_is_silent_and_workers_end_with_who_started_them(tmp_path):
     with units.program(tmp_path, 2) as process:
         units.awaited((tmp_path / "done").exists)
         time.sleep(0.1)
         units.interrupt(process)
-
-
-def test_workers_end_with_the_process_that_started_them(tmp_path: Path) -> None:
+    (tmp_path / "done").unlink()
     with units.program(tmp_path, 2) as process:
-        units.awaited(lambda: len(kept(tmp_path / "done")) >= 3)
+        units.awaited(lambda: len(units.kept(tmp_path / "done")) >= 3)
         process.kill()
         process.wait()
         units.awaited(lambda: not units.group_lives(process))
-
-
-NOWHERE = "tcp://127.0.0.1:1"
 
 
 def test_what_is_no_place_to_work_is_refused_and_without_dask_a_cluster_is_none(monkeypatch):
@@ -133,7 +116,7 @@ def test_what_is_no_place_to_work_is_refused_and_without_dask_a_cluster_is_none(
     for workers, cluster, said in (
         (0, None, "workers must be at least 1, got 0"),
         (1, "a.b:1", line("cluster must be ", ..., ", got 'a.b:1'")),
-        (2, NOWHERE, line(..., "needs Dask: pip install distributed")),
+        (2, "tcp://127.0.0.1:1", line(..., "needs Dask: pip install distributed")),
     ):
         with pytest.raises(AflMujocoError, match=said), open_executor(workers, cluster):
             pass

@@ -19,7 +19,6 @@ from afl_mujoco.errors import InvalidValueError
 ROOT = Path(__file__).parents[2]
 COUNT = 12
 VICTIM = 4
-NAP = 60.0  # [s] no test lasts so long
 PATIENCE = 30.0  # [s] for what should take one or two, on a busy machine
 
 PROGRAM = """
@@ -87,7 +86,7 @@ def refused(unit: tuple[Path, int]) -> list[object]:
         awaited(lambda: len(tries(folder)) >= VICTIM)
         raise InvalidValueError("unit", "must not be the victim", index)
     if index > VICTIM:
-        time.sleep(NAP)
+        time.sleep(60.0)  # no test lasts so long
     return noted(unit)
 
 
