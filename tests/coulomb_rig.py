@@ -9,9 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from tests.synthetic_logs import PERIOD, Pumping, described, wrapped
-
-GRAVITY = 9.81
+from tests.synthetic_logs import PERIOD, Pumping, described, rounded, wrapped
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,18 +29,15 @@ class CoulombRig:
 
     @property
     def physical(self):
-        return {
-            "half_length": self.half_length, "cart_mass": self.cart_mass, "force": self.force,
-            "rail_damping": self.rail_damping, "rail_friction": self.friction,
-            "hinge_damping": self.hinge_damping, "delay": self.delay,
-        }  # fmt: skip
+        names = "half_length cart_mass force rail_damping hinge_damping delay".split()
+        return {x: getattr(self, x) for x in names} | {"rail_friction": self.friction}
 
     def accelerations(self, state, force, way):
         """(z'', phi''): `way` is the sign of the sliding speed, None while the cart sticks."""
         _, phi, z_dot, phi_dot = state
         m, arm = self.pole_mass, self.pole_mass * self.half_length
         inertia = 4.0 / 3.0 * m * self.half_length**2
-        torque = arm * GRAVITY * np.sin(phi) - self.hinge_damping * phi_dot
+        torque = arm * 9.81 * np.sin(phi) - self.hinge_damping * phi_dot
         if way is None:
             return 0.0, torque / inertia
         pull = force - self.rail_damping * z_dot - self.friction * way
@@ -113,12 +108,8 @@ class CoulombRig:
         z, angle = np.array(rows).T
         phi = wrapped(angle + rng.normal(0.0, 0.5 * self.angle_count, count))
         z = z + rng.normal(0.0, 0.5 * self.position_count, count)
-        return {
-            "time": time,
-            "phi": np.round(phi / self.angle_count) * self.angle_count,
-            "z": np.round(z / self.position_count) * self.position_count,
-            "command": np.array(commands),
-        }
+        phi, z = rounded(phi, self.angle_count), rounded(z, self.position_count)
+        return {"time": time, "phi": phi, "z": z, "command": np.array(commands)}
 
 
 RIGS = (

@@ -10,18 +10,13 @@ import afl_mujoco as afl
 from afl_mujoco.identification import description as columns
 
 RIG = afl.Scenario(
-    name="rig",
-    duration=6.0,
-    initial_state=(0.0, 0.4, 0.0, 0.0),
-    schedule={"cart_mass": afl.constant(1.0), "half_length": afl.constant(0.3), "pole_mass": 0.1},
+    name="rig", duration=6.0, initial_state=(0.0, 0.4, 0.0, 0.0),
+    schedule={"cart_mass": 1.0, "half_length": 0.3, "pole_mass": 0.1},
     imperfections=afl.Imperfections(
-        control_period=0.01,
-        delay=0.004,
-        encoder_step={"phi": 1.5e-3, "z": 1e-4},
-        noise={"phi": 5e-4},
-        damping={"z": 2.0, "phi": 3e-4},
+        control_period=0.01, delay=0.004, encoder_step={"phi": 1.5e-3, "z": 1e-4},
+        noise={"phi": 5e-4}, damping={"z": 2.0, "phi": 3e-4},
     ),
-)
+)  # fmt: skip
 """A cart-pole whose closed loop is logged."""
 
 PERIOD, STEP = 0.02, 1e-3
@@ -50,16 +45,11 @@ class Truth:
         inertia = 4.0 / 3.0 * self.pole_mass * self.half_length**2
         whole = self.cart_mass + self.pole_mass
         return {
-            "gravity_term": 0.75 * 9.81 / self.half_length,
-            "coupling": 1.0,
-            "damping": self.hinge_damping / inertia,
-            "skew": self.skew,
-            "angle_offset": self.offset,
-            "mass_ratio": self.pole_mass / whole,
-            "gain": self.force / whole,
-            "decay": self.rail_damping / whole,
-            "delay": self.delay,
-        }
+            "gravity_term": 0.75 * 9.81 / self.half_length, "coupling": 1.0,
+            "damping": self.hinge_damping / inertia, "skew": self.skew,
+            "angle_offset": self.offset, "mass_ratio": self.pole_mass / whole,
+            "gain": self.force / whole, "decay": self.rail_damping / whole, "delay": self.delay,
+        }  # fmt: skip
 
     @property
     def description(self) -> columns.Description:
@@ -69,14 +59,13 @@ class Truth:
 def described(name: str, rig: Any, count: float, **guessed: float) -> columns.Description:
     """What its owner would say of its logs: the length is a little off, the rest a guess."""
     lengths = {"pole_mass": rig.pole_mass, "half_length": 1.03 * rig.half_length}
-    return columns.Description(
-        name=name,
-        period=PERIOD,
-        phi=columns.AngleColumn(resolution=count),
-        z=columns.PositionColumn(resolution=rig.position_count),
-        command=columns.CommandColumn(limit=1.0),
-        nominal=columns.Nominal(**lengths, **guessed, rail_damping=2.0),
+    phi, z = (
+        columns.AngleColumn(resolution=count),
+        columns.PositionColumn(resolution=rig.position_count),
     )
+    nominal = columns.Nominal(**lengths, **guessed, rail_damping=2.0)
+    more = {"phi": phi, "z": z, "nominal": nominal, "command": columns.CommandColumn(limit=1.0)}
+    return columns.Description(name=name, period=PERIOD, **more)
 
 
 class Pumping:
@@ -95,6 +84,10 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
+def rounded(values: np.ndarray, count: float) -> np.ndarray:
+    return np.round(values / count) * count
+
+
 def random_truth(seed: int) -> Truth:
     u = np.random.default_rng(seed).uniform
     return Truth(
@@ -108,13 +101,10 @@ def swing(truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD)
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)
     damping = {"z": truth.rail_damping, "phi": truth.hinge_damping}
-    model = afl.CartPoleModel(
-        afl.CartPoleParameters(
-            cart_mass=truth.cart_mass, pole_mass=truth.pole_mass, half_length=truth.half_length
-        ),
-        timestep=STEP,
-        imperfections=afl.Imperfections(damping=damping),
-    )
+    names = ("cart_mass", "pole_mass", "half_length")
+    plant = afl.CartPoleParameters(**{name: getattr(truth, name) for name in names})
+    passive = afl.Imperfections(damping=damping)
+    model = afl.CartPoleModel(plant, timestep=STEP, imperfections=passive)
     m, d = model.mj_model, model.mj_data
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)
     ticks, hold = round(seconds / PERIOD), round(PERIOD / STEP)
@@ -133,11 +123,7 @@ def swing(truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD)
     z = np.interp(time + truth.skew, instants, track[:, 0])
     angle = np.interp(time, instants, track[:, 1])
     phi = (angle - truth.offset) / truth.angle_scale + rng.normal(0.0, 0.5 * truth.count, count)
-    phi = wrapped(phi)
     stamps = 1e4 + time + rng.normal(0.0, 5e-3 * period, count)
-    return {
-        "time": stamps,
-        "phi": np.round(phi / truth.count) * truth.count,
-        "z": np.round(z / truth.position_count) * truth.position_count,
-        "command": np.array(commands)[1 + (time / PERIOD + 1e-6).astype(int)],
-    }
+    command = np.array(commands)[1 + (time / PERIOD + 1e-6).astype(int)]
+    phi, z = rounded(wrapped(phi), truth.count), rounded(z, truth.position_count)
+    return {"time": stamps, "phi": phi, "z": z, "command": command}

@@ -18,10 +18,9 @@ def test_the_scenario_is_the_cart_pole_that_was_identified(tmp_path) -> None:
     one = load_estimates()
     scenario = scenario_of(one)
     r, plant = scenario.imperfections, scenario.parameters_at(0.0)
-    assert plant.cart_mass == one.find("cart_mass").value
-    assert plant.half_length == one.find("half_length").value
-    assert r.at("damping.z") == one.find("rail_damping").value
-    assert r.input_limit == one.find("force").value and r.delay == one.find("delay").value
+    names = ("cart_mass", "half_length", "rail_damping", "force", "delay")
+    here = [plant.cart_mass, plant.half_length, r.at("damping.z"), r.input_limit, r.delay]
+    assert here == [one.find(name).value for name in names]
     assert r.at("end_stops.z") == scenario.requirements.max["z"] == 0.22
     assert scenario.ranges["delay"] == (one.find("delay").low, one.find("delay").high)
     afl.save_scenario(scenario, tmp_path / "rig.toml")
@@ -44,16 +43,12 @@ def test_draws_scatter_as_the_estimates_do_together() -> None:
     assert draws(one, 3, 3) != draws(one, 3, 4)
 
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
-
-
 class Lead:
-    def __init__(self) -> None:
-        self.before = 0.0
+    before = 0.0
 
     def __call__(self, time, state, belief):
         lean, self.before = state[1] - self.before, state[1]
-        return 0.7 * state[0] + 1.8 * state[2] - 38.0 * state[1] - 7.0 * state[3] - 20.0 * lean
+        return np.dot(state, (0.7, -38.0, 1.8, -7.0)) - 20.0 * lean
 
 
 def logged(folder: Path, scenario: afl.Scenario, controller):
@@ -64,18 +59,15 @@ def logged(folder: Path, scenario: afl.Scenario, controller):
 
 
 @pytest.mark.parametrize(("controller", "until"), [("lqr", 6.0), (Lead, 2.0)])
-def test_commands_are_those_of_the_run_before_the_drive(tmp_path: Path, controller, until) -> None:
+def test_commands_are_those_of_the_run_before_the_drive_and_readings_of_the_sensors(
+    tmp_path: Path, controller, until
+) -> None:
     scenario = replace(RIG, imperfections=replace(RIG.imperfections, delay=0.0), duration=until)
     run, log, _ = logged(tmp_path, scenario, as_controller(controller))
     assert log.command == pytest.approx(run.force[: len(log.command) * 10 : 10], rel=1e-8)
-
-
-def test_readings_are_those_of_the_sensors(tmp_path: Path) -> None:
-    run, log, _ = logged(tmp_path, RIG, find_controller("lqr"))
     states = run.state[: len(log.z) * 10 : 10]
     assert np.abs(log.z - states[:, 0]).max() <= 0.5001e-4
-    off = log.phi - states[:, 1]
-    assert 4e-4 < off.std() < 1e-3
+    assert 4e-4 < (log.phi - states[:, 1]).std() < 1e-3
     assert np.abs(log.phi / 1.5e-3 - np.rint(log.phi / 1.5e-3)).max() < 1e-4
 
 
@@ -104,7 +96,7 @@ def test_runs_of_a_drive_without_a_limit_share_a_description(tmp_path: Path) -> 
 
 
 def test_any_plant_is_logged_by_its_names(tmp_path: Path) -> None:
-    scenario = afl.load_scenario(EXAMPLES / "quadrotor_load.toml")
+    scenario = afl.load_scenario(Path(__file__).parents[2] / "examples" / "quadrotor_load.toml")
     asked = afl.Requirements(target={"z": 1.0})
     scenario = replace(scenario, duration=1.0, disturbances=(), schedule={}, requirements=asked)
     require_loggable(scenario, find_controller("lqr"), "sampled")

@@ -6,16 +6,9 @@ import pytest
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.files import read_json, write_json
+from afl_mujoco.identification import identify as module
 from afl_mujoco.identification.description import load_description
-from afl_mujoco.identification.identify import (
-    Identified,
-    _curvature,
-    _Drive,
-    _lags,
-    identify,
-    identify_pole,
-    require_units,
-)
+from afl_mujoco.identification.identify import identify, identify_pole
 from afl_mujoco.identification.least_squares import Estimate
 from afl_mujoco.identification.log import cut, log_of, read_logs
 from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
@@ -40,7 +33,7 @@ def assert_found(found, *names):
 def test_known_parameters_are_found_within_their_intervals(logs, tmp_path) -> None:
     found = identify(logs, TRUTH.description, workers=2)
     write_json(tmp_path / "estimates.json", found)
-    assert read_json(tmp_path / "estimates.json", Identified, "are none") == found
+    assert read_json(tmp_path / "estimates.json", module.Identified, "are none") == found
     held = {n: found.find(n).low <= x <= found.find(n).high for n, x in TRUTH.expected.items()}
     assert sum(held.values()) >= len(held) - 1, held
     assert_found(found, "gravity_term", "coupling", "gain", "decay", "mass_ratio")
@@ -65,7 +58,7 @@ def test_noise_of_the_position_is_no_compliance(noise: float, rng) -> None:
         assert one.low < TRUTH.expected[name] < one.high, name
 
 
-def test_a_constant_command_says_nothing_of_the_drive(logs) -> None:
+def test_a_constant_command_says_nothing_of_the_drive_and_a_wrong_unit_is_named(logs) -> None:
     still = [replace(log, command=np.zeros_like(log.command)) for log in logs[:3]]
     found = identify(still, TRUTH.description)
     assert found.drive is None and found.physical == ()
@@ -84,17 +77,19 @@ def test_gravity_and_the_cart_tell_the_unit_of_an_angle_and_of_a_position(
 ) -> None:
     d = TRUTH.description
     right = replace(d, z=replace(d.z, unit=units[1]))
-    require_units(logs[:3], d)
+    module.require_units(logs[:3], d)
     wrong = replace(right, phi=replace(d.phi, unit=units[0]))
     with pytest.raises(AflMujocoError, match=said):
-        require_units([replace(log, phi=phi * log.phi, z=z * log.z) for log in logs[:3]], wrong)
+        module.require_units(
+            [replace(log, phi=phi * log.phi, z=z * log.z) for log in logs[:3]], wrong
+        )
 
 
 def test_lost_rows_take_nothing_from_what_gravity_explains() -> None:
     columns, rng = swing(TRUTH, 1, 3.0), np.random.default_rng(1)
     kept = np.sort(rng.choice(150, 130, replace=False))
     log = log_of("lost", {name: x[kept] for name, x in columns.items()}, TRUTH.description)
-    assert _curvature([log], 1.0).share > 0.95
+    assert module._curvature([log], 1.0).share > 0.95
 
 
 @pytest.mark.parametrize(("phi", "z", "said"), [
@@ -109,7 +104,7 @@ def test_a_fit_that_does_not_explain_the_angle_is_no_estimate(logs, phi, z, said
 
 def test_behind_a_lag_windows_begin_when_what_was_before_a_log_is_forgotten(logs) -> None:
     windows = cut(logs, 0.5, 0.5)
-    drive = _Drive(windows, TRUTH.description, None, windows.starts, 1)
+    drive = module._Drive(windows, TRUTH.description, None, windows.starts, 1)
     for lag, first in ((0.0, 0.0), (0.02, 0.1)):
         kept = drive._settled(SimpleNamespace(by_name={"lag": lag, "delay": 0.0}))
         np.testing.assert_array_equal(kept, windows.time[:, 0] >= first)
@@ -135,6 +130,17 @@ def test_a_position_in_the_wrong_unit_is_named(logs) -> None:
     said = "coupling k must be near the expected value for a pole; check the units"
     with pytest.raises(AflMujocoError, match=said):
         identify(wrong, TRUTH.description)
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("rad", 180.0 / np.pi), ("deg", np.pi / 180.0)])
+def test_gravity_tells_degrees_from_radians(unit: str, factor: float) -> None:
+    d, other = TRUTH.description, "deg" if unit == "rad" else "rad"
+    wrong = replace(d, phi=replace(d.phi, unit=unit, resolution=0.0))
+    swung = [swing(TRUTH, i) for i in range(3)]
+    turned = [one | {"phi": (factor if unit == "rad" else 1.0) * one["phi"]} for one in swung]
+    logs = [log_of(f"log-{i}", one, wrong) for i, one in enumerate(turned)]
+    with pytest.raises(AflMujocoError, match=f"unit of phi must be '{other}' according to gravity"):
+        module.require_radians(logs, wrong)
 
 
 def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
@@ -206,8 +212,6 @@ def test_missing_rows_do_not_mislead_nor_five_hundred_rows_a_second() -> None:
 ])  # fmt: skip
 def test_a_lag_shows_by_the_interval_of_its_square(value, half, expected) -> None:
     """Of lag^2 it is 2 lag times that of the lag: (36 +- 24) ms^2, and (21 +- 23) ms^2."""
-    lag = Estimate(
-        name="lag", title="lag", unit="s", value=value, low=value - half, high=value + half,
-        on_bound=not half,
-    )  # fmt: skip
-    assert _lags(SimpleNamespace(estimates={"lag": lag})) == expected
+    told = {"value": value, "low": value - half, "high": value + half, "on_bound": not half}
+    lag = Estimate(name="lag", title="lag", unit="s", **told)
+    assert module._lags(SimpleNamespace(estimates={"lag": lag})) == expected

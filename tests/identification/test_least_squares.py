@@ -1,15 +1,8 @@
 import numpy as np
 import pytest
 
-from afl_mujoco.identification.least_squares import (
-    Parameter,
-    Problem,
-    by_cluster,
-    fit,
-    fit_to_scatter,
-    is_better,
-    with_uncertainty_of,
-)
+from afl_mujoco.identification import least_squares
+from afl_mujoco.identification.least_squares import Parameter, Problem, fit, fit_to_scatter
 
 T = np.linspace(0.0, 1.0, 9)
 
@@ -30,9 +23,8 @@ def problem(data, mask=None, groups=None, known=0.0):
         return (starts * np.exp(-(shared.sum() + known) * T) - data)[:, None]
 
     every = np.ones((len(data), 1, len(T))) if mask is None else mask
-    return Problem(
-        errors, errors, every, np.arange(len(data)) if groups is None else groups, np.ones(1)
-    )
+    groups = np.arange(len(data)) if groups is None else groups
+    return Problem(errors, errors, every, groups, np.ones(1))
 
 
 def fitted(data, parameters, groups=None):
@@ -80,34 +72,29 @@ def test_what_was_taken_as_known_widens_the_interval() -> None:
     data = decays(np.random.default_rng(5), 40)
     first = fitted(data, [parameter("rate", 1.0)])
     second = fitted_to_scatter(data, [parameter("rest", 0.1)], known=first.values.sum())
-    whole = with_uncertainty_of(problem(data), second, first)
+    whole = least_squares.with_uncertainty_of(problem(data), second, first)
     expected = second.covariance[0, 0] + first.covariance[0, 0]
     assert whole.covariance[0, 0] == pytest.approx(expected, rel=1e-3)
 
 
 def test_what_the_data_cannot_tell_apart_has_no_end_and_the_rest_its_interval() -> None:
     """Two rates of which the sum alone acts: zero, as of a pseudo-inverse, would say `known`."""
-    data = decays(np.random.default_rng(6), 40)
-    two = problem(data)
-    found = fit(
-        two, [parameter("rate", 1.0), parameter("other", 0.5)], np.ones((40, 1)), np.array([0.01])
-    )
+    two = problem(decays(np.random.default_rng(6), 40))
+    three = [parameter("rate", 1.0), parameter("other", 0.5), parameter("wave", 0.1)]
+    given = (np.ones((40, 1)), np.array([0.01]))
+    found = fit(two, three[:2], *given)
     assert np.isinf(found.errors).all() and found.values.sum() == pytest.approx(2.0, abs=0.05)
     assert all(one.low == -np.inf and one.high == np.inf for one in found.estimates.values())
 
     def errors(shared, starts):
         return two.errors(shared[:2], starts) + 0.3 * shared[2] * np.sin(9.0 * T)
 
-    three = [parameter("rate", 1.0), parameter("other", 0.5), parameter("wave", 0.1)]
-    whole = fit(
-        two._replace(errors=errors, smooth=errors), three, np.ones((40, 1)), np.array([0.01])
-    )
+    def without(shared, own):
+        return errors(np.array([0.0, *shared]), own)
+
+    whole = fit(two._replace(errors=errors, smooth=errors), three, *given)
     assert np.isinf(whole.errors).tolist() == [True, True, False]
-    alone = two._replace(
-        errors=lambda shared, own: errors(np.array([0.0, *shared]), own),
-        smooth=lambda shared, own: errors(np.array([0.0, *shared]), own),
-    )
-    one = fit(alone, three[1:], np.ones((40, 1)), np.array([0.01]))
+    one = fit(two._replace(errors=without, smooth=without), three[1:], *given)
     assert whole.errors[2] == pytest.approx(one.errors[1], rel=0.03)
 
 
@@ -135,7 +122,7 @@ def test_a_log_of_a_single_window_has_the_scatter_of_all_logs() -> None:
     logs = np.r_[np.arange(20), np.arange(10), np.arange(10)]  # of one window up to three
     few = Problem(errors, errors, np.ones((40, 1, 20)), logs, np.ones(1))
     found = fit(few, [parameter("rate", 1.5)], np.zeros((40, 1)), np.ones(1))
-    alone, spread = np.array(by_cluster(few, found, "rate")).T
+    alone, spread = np.array(least_squares.by_cluster(few, found, "rate")).T
     expected = 1.0 / np.sqrt(np.sum((times - times.mean()) ** 2) * np.bincount(logs))
     np.testing.assert_allclose(spread, expected, rtol=0.35)
     assert np.std((alone - 2.0) / spread) == pytest.approx(1.0, abs=0.4)
@@ -149,8 +136,7 @@ def test_a_parameter_more_is_better_only_where_it_explains_more_than_noise() -> 
             return ((shared[0] - 2.0) * T + (shared[1] - extra) * T**2 + starts)[:, None] - noise
 
         more = Problem(errors, errors, np.ones((20, 1, len(T))), np.arange(20), np.ones(1))
-        fits = [
-            fit_to_scatter(more, [parameter("rate", 1.0), one], np.zeros((20, 1)))
-            for one in (parameter("bend", 0.0), parameter("bend", 0.0).held(0.0))
-        ]
-        assert is_better(more, *fits) == expected
+        rate, bend = parameter("rate", 1.0), parameter("bend", 0.0)
+        pairs = [rate, bend], [rate, bend.held(0.0)]
+        fits = [fit_to_scatter(more, pair, np.zeros((20, 1))) for pair in pairs]
+        assert least_squares.is_better(more, *fits) == expected

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from itertools import accumulate
 
 import numpy as np
 import pytest
@@ -39,9 +40,8 @@ def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_s
     assert near.counts_phi < 3.0 and near.counts_z < 3.0
     assert near.explained_phi > 0.9999 and far.explained_phi > 0.99 and far.explained_z > 0.999
     alone = prediction.predicted_by_pole(w, VALUES, D)
-    (driven,) = prediction.errors_of(
-        w, np.stack([0.0 * alone, alone], axis=1), (0.1,), VALUES, D, position=False
-    )
+    both = np.stack([0.0 * alone, alone], axis=1)
+    (driven,) = prediction.errors_of(w, both, (0.1,), VALUES, D, position=False)
     assert driven.counts_phi < 3.0
     assert driven.rms_z is driven.counts_z is driven.explained_z is None
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
@@ -53,10 +53,7 @@ def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_s
     z = w.z[np.arange(w.count), rows]
     assert found.explained_z == pytest.approx(1.0 - 0.002**2 / z.var())
     assert found.starts == w.count >= found.away
-
-
-def test_readings_that_say_nothing_are_not_judged(w) -> None:
-    valid = w.valid.copy()
+    valid = w.valid.copy()  # readings that say nothing are not judged
     valid[::2, -1] = 0.0
     some = replace(w, valid=valid)
     read = np.stack([w.z, w.phi], axis=1)
@@ -65,33 +62,18 @@ def test_readings_that_say_nothing_are_not_judged(w) -> None:
     assert found.starts == w.count // 2 and found.rms_phi == 0.0
 
 
-@pytest.fixture(scope="module")
-def windows():
-    windows = cut([log_of("a", swing(TRUTH, 5), TRUTH.description)], 0.5, 0.5, least=None)
-    return replace(windows, step=windows.step / 2)
-
-
-def test_ratios_become_masses_and_forces_of_the_given_pole() -> None:
-    found = rig.physical(VALUES, TRUTH.description)
-    for name in ("half_length", "cart_mass", "force", "rail_damping", "hinge_damping"):
-        assert found[name] == pytest.approx(getattr(TRUTH, name), rel=1e-9), name
-
-
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.007, 0.0), (0.003, 0.02)])
-def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, lag: float) -> None:
-    values = {**VALUES, "delay": delay, "lag": lag, "bias": 0.05}
-    forces = rig.Rig(windows, TRUTH.description).forces(values)
-    (log,) = windows.logs
+def test_the_force_is_the_command_behind_delay_and_lag(delay: float, lag: float) -> None:
+    windows = cut([log := log_of("a", swing(TRUTH, 5), D)], 0.5, 0.5, least=None)
+    windows = replace(windows, step=windows.step / 2)
+    forces = rig.Rig(windows, D).forces({**VALUES, "delay": delay, "lag": lag, "bias": 0.05})
     fine = np.arange(0.0, log.duration, 1e-5)  # by brute force: Euler at 10 us
     command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]
     command = np.where(fine < delay, log.command[0], command) - 0.05
     if lag:
-        behind = np.empty_like(command)
-        state = command[0]
-        for i, c in enumerate(command):
-            state += 1e-5 / lag * (c - state)
-            behind[i] = state
-        command = behind
+        share = 1e-5 / lag
+        steps = accumulate(command.tolist(), lambda x, c: x + share * (c - x))
+        command = np.array([*steps])
     for b in (1, 3):
         for j in (0, 7, 50):
             start = windows.time[b, 0] + j * windows.step
@@ -99,13 +81,13 @@ def test_the_force_is_the_command_behind_delay_and_lag(windows, delay: float, la
             assert forces[b, j] == pytest.approx(TRUTH.force * command[part].mean(), abs=0.02)
 
 
-def test_friction_takes_energy_as_it_says() -> None:
-    still = np.zeros((1, 8001))
-    track = pole.pole_motion(np.array([[np.pi + 0.3, 0.0]]), still, 1e-3, 37.0, 0.2, 0.0)[0]
-    energy = 0.5 * track[:, 1] ** 2 + 37.0 * np.cos(track[:, 0])
-    lost = 0.2 * np.trapezoid(track[:, 1] ** 2, dx=1e-3)
-    assert energy[0] - energy[-1] == pytest.approx(lost, rel=1e-4)
-    dry = pole.pole_motion(np.array([[np.pi + 0.3, 0.0]]), still, 1e-3, 37.0, 0.0, 0.5)[0]
-    energy = 0.5 * dry[:, 1] ** 2 + 37.0 * np.cos(dry[:, 0])
-    path = np.abs(np.diff(dry[:, 0])).sum()
-    assert energy[0] - energy[-1] == pytest.approx(0.5 * path, rel=0.03)
+def test_friction_takes_energy_as_it_says_and_ratios_become_masses_and_forces() -> None:
+    start, still = np.array([[np.pi + 0.3, 0.0]]), np.zeros((1, 8001))
+    for viscous, dry, near in ((0.2, 0.0, 1e-4), (0.0, 0.5, 0.03)):
+        angle, rate = pole.pole_motion(start, still, 1e-3, 37.0, viscous, dry)[0].T
+        energy = 0.5 * rate**2 + 37.0 * np.cos(angle)
+        lost = viscous * np.trapezoid(rate**2, dx=1e-3) + dry * np.abs(np.diff(angle)).sum()
+        assert energy[0] - energy[-1] == pytest.approx(lost, rel=near)
+    found = rig.physical(VALUES, D)
+    for name in ("half_length", "cart_mass", "force", "rail_damping", "hinge_damping"):
+        assert found[name] == pytest.approx(getattr(TRUTH, name), rel=1e-9), name
