@@ -6,10 +6,8 @@ from afl_mujoco.plants.plant import Plant, load_plant
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
-NAMES = (
-    "cart-pole", "cart_double_pendulum.py:plant", "quadrotor_load.py:plant",
-    "double_pendulum.py:plant",
-)  # fmt: skip
+OWN = ("cart_double_pendulum", "quadrotor_load", "double_pendulum")
+NAMES = ("cart-pole", *(f"{name}.py:plant" for name in OWN))
 
 SMALL = '''
 from math import cos, sin

@@ -52,14 +52,12 @@ def _numbers(p):
 
 def test_accelerations_are_the_lagrangian_s_of_any_rod(derived, random_states, rng):
     low, high = (0.1, 0.01, 0.05, 5.0), (2.0, 0.5, 1.0, 15.0)  # of verification.md, A1
-    names = ("cart_mass", "pole_mass", "half_length", "gravity")
-    for row in rng.uniform(low, high, size=(20, 4)).tolist():
-        p = CartPoleParameters(**dict(zip(names, row, strict=True)))
+    for m, pole, length, gravity in rng.uniform(low, high, size=(20, 4)).tolist():
+        p = CartPoleParameters(cart_mass=m, pole_mass=pole, half_length=length, gravity=gravity)
         for state, force in zip(random_states[:20], rng.uniform(-200, 200, 20), strict=True):
             expected = np.array(derived["acceleration"](state, force, _numbers(p)))
-            scale = np.abs(expected).max()
-            found = acceleration(state, force, p)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=ROUNDING * scale)
+            found, near = acceleration(state, force, p), ROUNDING * np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, rtol=0, atol=near)
 
 
 def test_the_terms_are_those_of_the_accelerations(odd_parameters, random_states) -> None:
@@ -79,25 +77,17 @@ def test_the_mass_matrix_is_of_the_energy_and_upright_stays(derived, random_stat
     assert acceleration([0, 0.1, 0, 0], 0.0, odd_parameters)[1] > 0.0
 
 
-@pytest.mark.parametrize(
-    ("function", "name"), [(paper.total_energy, "energy"), (paper.linear_momentum, "momentum")]
-)
-def test_energy_and_momentum_are_those_of_the_lagrangian(
-    derived, random_states, odd_parameters, function, name
+def test_energy_and_momentum_are_those_of_the_lagrangian_and_an_impulse_turns_no_torque(
+    derived, random_states, odd_parameters
 ):
-    expected = [derived[name](s, 0.0, _numbers(odd_parameters)) for s in random_states]
-    # absolute: terms of order 10 may cancel
-    found = function(random_states, odd_parameters)
-    np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=1e-13)
-
-
-def test_an_impulse_turns_no_torque(random_states, odd_parameters):
+    for name, function in (("energy", paper.total_energy), ("momentum", paper.linear_momentum)):
+        expected = [derived[name](s, 0.0, _numbers(odd_parameters)) for s in random_states]
+        found = function(random_states, odd_parameters)
+        # absolute: terms of order 10 may cancel
+        np.testing.assert_allclose(found, expected, rtol=ROUNDING, atol=1e-13)
     jump = paper.velocity_jump(random_states, 0.37, odd_parameters)
-    after = random_states.copy()
-    after[:, 2:] += jump
-    gained = paper.linear_momentum(after, odd_parameters) - paper.linear_momentum(
-        random_states, odd_parameters
-    )
+    after = random_states + np.pad(jump, ((0, 0), (2, 0)))
+    gained = paper.linear_momentum(after, odd_parameters) - found
     np.testing.assert_allclose(gained, 0.37, rtol=ROUNDING)
     angular = np.einsum("nij,nj->ni", mass_matrix(random_states, odd_parameters), jump)[:, 1]
     np.testing.assert_allclose(angular, 0.0, atol=1e-15)

@@ -15,6 +15,25 @@ from tests.plants import plants
 from tests.plants.plants import known, small
 
 ROOT = Path(__file__).parents[2]
+STALE = """
+import afl_mujoco as afl, constants
+from constants import weight
+def twice(f):
+    return f(2.0)
+def accelerations(q, v, u, p):
+    return ({},)
+plant = afl.Plant(name="x", coordinates=("j",), accelerations=accelerations, model='<mujoco>'
+    '<worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody></mujoco>')
+"""
+LOAD_STALE = """
+import numpy as np
+from afl_mujoco.plants.plant import load_plant
+from afl_mujoco.plants.equations import Points, load_equations
+z, none = np.zeros((1, 1)), np.zeros((1, 0))
+for i in range(3):
+    found = load_equations(load_plant(f"stale{i}.py:plant"), Points(z, z, none, none))
+    print(found.at(Points(z, z, none, none))[0, 0], found.how.split(":")[0])
+"""
 
 
 def points(plant: afl.Plant, count: int = 20) -> Points:
@@ -29,7 +48,7 @@ def test_compiled_and_interpreted_give_the_same_with_one_key_in_every_process(tm
     assert found.how == "compiled"
     slow = Equations(plant, equations._interpreted(plant), "")
     np.testing.assert_allclose(found.at(points(plant)), slow.at(points(plant)), rtol=1e-12)
-    """Else nothing would be found in the cache."""
+    # else nothing would be found in the cache
     body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
     plant = small(tmp_path, plants.equations(body))
     said = [*equations._read(plant.accelerations, {})]
@@ -55,30 +74,13 @@ def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, 
 def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None:
     bodies = ("constants.G * 2.0", "weight(2.0)", "twice(constants.weight)")
     for i, body in enumerate(bodies):
-        (tmp_path / f"stale{i}.py").write_text(
-            "import afl_mujoco as afl, constants\n"
-            "from constants import weight\n"
-            "def twice(f):\n    return f(2.0)\n"
-            f"def accelerations(q, v, u, p):\n    return ({body},)\n"
-            "plant = afl.Plant(name='x', coordinates=('j',), accelerations=accelerations, model="
-            '\'<mujoco><worldbody><body><joint name="j"/><geom size=".1"/></body></worldbody>'
-            "</mujoco>')\n"
-        )
-    program = (
-        "import numpy as np\n"
-        "from afl_mujoco.plants.plant import load_plant\n"
-        "from afl_mujoco.plants.equations import Points, load_equations\n"
-        "z, none = np.zeros((1, 1)), np.zeros((1, 0))\n"
-        "for i in range(3):\n"
-        "    found = load_equations(load_plant(f'stale{i}.py:plant'), Points(z, z, none, none))\n"
-        "    print(found.at(Points(z, z, none, none))[0, 0], found.how.split(':')[0])\n"
-    )
+        (tmp_path / f"stale{i}.py").write_text(STALE.format(body))
     said = []
     for constant in (2.0, 1.0, 1.0):
         constants = f"G = {constant}\ndef weight(x):\n    return G * x\n"
         (tmp_path / "constants.py").write_text(constants)
         run = subprocess.run(
-            [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True,
+            [sys.executable, "-c", LOAD_STALE], cwd=tmp_path, capture_output=True, text=True,
             env={"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PATH": "",
                  "PYTHONDONTWRITEBYTECODE": "1"},  # Python's own cache knows no half seconds
         )  # fmt: skip

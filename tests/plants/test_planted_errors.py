@@ -8,8 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.plants.plant import load_plant
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.plants.plants import EXAMPLES
 
 CART, QUAD, TWO = "cart_double_pendulum.py", "quadrotor_load.py", "double_pendulum.py"
 PAPER = "paper.py"  # accelerations, where no term stands by itself
@@ -138,14 +137,7 @@ ABSOLUTE = (  # a cart and two links as if the angle of the second were from upr
     ("(total, ca + cb, cb)", "(total, ca, cb)"), ("(cb, cab + ss, ss)", "(cb, cab, ss)"),
     ("ha + hb, hb)", "ha, hb)"),
 )  # fmt: skip
-TURNED = tuple(
-    (f'<joint name="{name}" axis="0 -1 0"/>', f'<joint name="{name}" axis="0 1 0"/>')
-    for name in ("lower", "upper")
-)
-THROUGHOUT = {
-    "absolute": (CART, ABSOLUTE, "upper of the equations is upper + lower of MuJoCo: relative or"),
-    "turned": (CART.replace(".py", ".xml"), TURNED, "lower and upper have the other sign in the"),
-}
+TURNED = [(f'name="{x}" axis="0 -1', f'name="{x}" axis="0 1') for x in ("lower", "upper")]
 
 
 def found(folder: Path, file: str, *changes: tuple[str, str]) -> str:
@@ -182,9 +174,11 @@ def test_a_mistake_is_found_and_named(mistake: str, tmp_path: Path) -> None:
         assert "equations and MJCF differ by up to" in headline
 
 
-@pytest.mark.parametrize("mistake", THROUGHOUT)
-def test_other_coordinates_throughout_are_named(mistake: str, tmp_path: Path) -> None:
-    file, changes, named = THROUGHOUT[mistake]
+@pytest.mark.parametrize(("file", "changes", "named"), [
+    (CART, ABSOLUTE, "upper of the equations is upper + lower of MuJoCo: relative or"),
+    (CART.replace(".py", ".xml"), TURNED, "lower and upper have the other sign in the"),
+], ids=["absolute", "turned"])  # fmt: skip
+def test_other_coordinates_throughout_are_named(file, changes, named, tmp_path: Path) -> None:
     assert named in found(tmp_path, file, *changes)
 
 

@@ -16,7 +16,6 @@ RIGHT = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><world
 </body></body></body></worldbody><actuator>
 <motor name="a" joint="yaw"/><motor name="b" joint="pitch"/></actuator>
 </mujoco>"""
-JOINTS = ("yaw", "pitch", "spin")
 
 
 def terms_of(text: str):
@@ -34,7 +33,8 @@ def terms_of(text: str):
 
 
 def headline(text: str, terms) -> str:
-    plant = afl.Plant(name="arm", model=text, coordinates=JOINTS, inputs=("a", "b"), terms=terms)
+    names = {"coordinates": ("yaw", "pitch", "spin"), "inputs": ("a", "b")}
+    plant = afl.Plant(name="arm", model=text, terms=terms, **names)
     return afl.check(plant, samples=60).headline
 
 
@@ -76,25 +76,19 @@ def test_an_inertia_about_the_joint_is_named_whatever_the_axes_of_the_body() -> 
     turn = turn.reshape(3, 3)
     whole = turn * model.body("arm").inertia @ turn.T
     whole += 0.7 * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    full = " ".join(
-        f"{float(whole[i, j])!r}" for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    )
+    full = " ".join(map(repr, whole[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]].tolist()))
     own = 'euler="0 0.3 0" mass="0.7" diaginertia="0.002 0.006 0.0065"'
     assert own in RIGHT
     said = headline(RIGHT, terms_of(RIGHT.replace(own, f'mass="0.7" fullinertia="{full}"')))
     assert "inertia about another point: the equations have I + m r^2 of body arm" in said
 
 
-def test_an_mjcf_in_degrees_and_exchanged_rates_are_named() -> None:
+def test_an_mjcf_in_degrees_exchanged_rates_and_terms_of_a_spinning_body_are_named() -> None:
     said = headline(RIGHT.replace('<compiler angle="radian"/>', ""), terms_of(RIGHT))
     assert "angles of the MJCF are in degrees" in said
     usual = terms_of(RIGHT)
     said = headline(RIGHT, lambda q, v, p: usual(q, v[[1, 0, 2]], p))
     assert "the rates of yaw and pitch are exchanged in the equations" in said
-
-
-def test_terms_of_a_spinning_body_that_are_left_out_are_named() -> None:
-    usual = terms_of(RIGHT)
 
     def without(q, v, p):
         mass, _, inputs = usual(q, v, p)

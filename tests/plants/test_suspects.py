@@ -23,6 +23,13 @@ def arm(terms, **parameters: afl.Parameter) -> afl.Plant:
     )  # fmt: skip
 
 
+DAMPING = afl.Parameter(0.1, low=0.05, high=0.3)
+
+
+def swinging(q, v, p):
+    return ((2.0,),), (9.81 * math.sin(q[0]) + 0.1 * v[0],), ((),)
+
+
 def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None:
     """A suspect gives them a negative parameter, of which there is no root."""
 
@@ -31,8 +38,7 @@ def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None
 
         return ((2.0,),), (9.81 * sin(q[0]) ** 3 + sqrt(p.damping) ** 2 * v[0],), ((),)
 
-    damping = afl.Parameter(0.1, low=0.05, high=0.3)
-    result = afl.check(arm(terms, damping=damping), 50)
+    result = afl.check(arm(terms, damping=DAMPING), 50)
     assert result.notes[-1].startswith("Equations: interpreted")
     assert "equations and MJCF differ by up to" in result.headline
 
@@ -44,29 +50,20 @@ def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> N
     def terms(q, v, p):
         return ((2.0,),), (9.81 * np.sin(q[0]) + p.damping * v[0],), ((),)
 
-    damping = afl.Parameter(0.1, low=0.05, high=0.3)
-    said = afl.check(replace(arm(terms, damping=damping), model=text), 50).headline
+    said = afl.check(replace(arm(terms, damping=DAMPING), model=text), 50).headline
     first, *others = said.removeprefix("arm: mass matrix, arm: ").split(", or ")
     assert first == "armature of arm is 0 in the equations and 0.7 in MuJoCo"
     assert others[0] == "the inertia of body arm is 0.3 times MuJoCo's in the equations"
     assert others[-1].endswith(" in the equations (parameters that vary would tell)?")
 
 
-def test_an_armature_that_is_written_and_forgotten_is_named() -> None:
-    def terms(q, v, p):
-        return ((2.0,),), (9.81 * np.sin(q[0]) + 0.1 * v[0],), ((),)
-
-    rolling = afl.Parameter(0.5, low=0.2, high=0.9)
-    plant = replace(arm(terms, mass=rolling), write=lambda p: {"joint arm armature": 0.4 * p.mass})
+def test_an_armature_that_is_forgotten_and_a_parameter_that_equations_do_not_read_are_named():
+    rolling = arm(swinging, mass=afl.Parameter(0.5, low=0.2, high=0.9))
+    plant = replace(rolling, write=lambda p: {"joint arm armature": 0.4 * p.mass})
     said = "arm: mass matrix, arm: the armature of arm is missing in the equations?"
     assert afl.check(plant, 50).headline == said
-
-
-def test_a_parameter_that_equations_do_not_read_and_nobody_varies_is_in_the_headline() -> None:
-    def terms(q, v, p):
-        return ((2.0,),), (9.81 * np.sin(q[0]) + 0.1 * v[0],), ((),)
-
-    plant = replace(arm(terms, g=afl.Parameter(9.81)), write=lambda p: {"option gravity 2": -p.g})
+    own = arm(swinging, g=afl.Parameter(9.81))
+    plant = replace(own, write=lambda p: {"option gravity 2": -p.g})
     assert afl.check(plant, 50).headline.endswith("do not read g: drawn at one value")
 
 
@@ -104,5 +101,5 @@ def test_a_small_share_is_said_to_be_small_and_a_parameter_has_no_value_of_its_o
     def terms(q, v, p):
         return ((2.0,),), (9.81 * math.sin(q[0]) + (p.damping + 0.2) * v[0],), ((),)
 
-    result = afl.check(arm(terms, damping=afl.Parameter(0.1, low=0.05, high=0.3)), 50)
+    result = afl.check(arm(terms, damping=DAMPING), 50)
     assert "damping of arm is 0.2 more in the equations" in result.headline

@@ -1,18 +1,15 @@
 """The tree reference against SymPy's derivations, MuJoCo, and finite differences."""
 
-from pathlib import Path
-
 import mujoco
 import numpy as np
 import pytest
 import sympy as sp
 
 import afl_mujoco as afl
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
+from tests.plants.plants import known
 
 SPATIAL = """<mujoco><compiler angle="radian"/><option gravity="0.3 -0.2 -9.7"/><worldbody>
 <body name="base" pos=".1 .2 .3" quat=".8 .2 -.4 .4">
@@ -31,12 +28,12 @@ SPATIAL = """<mujoco><compiler angle="radian"/><option gravity="0.3 -0.2 -9.7"/>
 </actuator></mujoco>"""
 
 
+T = sp.Symbol("t")
+
+
 def made(xml: str) -> PlantModel:
-    spec = mujoco.MjSpec.from_string(xml)
-    names = (tuple(x.name for x in some) for some in (spec.joints, spec.actuators))
-    coordinates, inputs = names
-    plant = Plant(name="spatial", model=xml, coordinates=coordinates, inputs=inputs)
-    return PlantModel(plant, compared=True)
+    names = {"coordinates": ("a", "b", "c", "d"), "inputs": ("torque", "jet")}
+    return PlantModel(Plant(name="spatial", model=xml, **names), compared=True)
 
 
 def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
@@ -47,15 +44,13 @@ def test_terms_are_mujocos_in_any_frame_and_far_from_the_origin() -> None:
         engine, own = model.at(q, v, u), terms_of(tree, q, v)
         for its, mine in zip(engine[:3], own[:3], strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())
-    near = Tree(**made(SPATIAL).tree(np.empty(0)))
     far = Tree(**made(SPATIAL.replace('pos=".1 .2 .3"', 'pos="1e4 .2 .3"', 1)).tree(np.empty(0)))
-    rng = np.random.default_rng(0)
     for _ in range(10):
         q, v = rng.uniform(-3, 3, 4), rng.uniform(-5, 5, 4)
-        here, there = terms_of(near, q, v), terms_of(far, q, v)
+        here, there = terms_of(tree, q, v), terms_of(far, q, v)
         for one, other in zip(here[:3], there[:3], strict=True):
             np.testing.assert_allclose(other, one, rtol=0, atol=1e-10 * np.abs(one).max())
-        lift = -near.gravity[0] * near.body_mass[1:].sum() * (1e4 - 0.1)
+        lift = -tree.gravity[0] * tree.body_mass[1:].sum() * (1e4 - 0.1)
         assert there.energy - here.energy == pytest.approx([0.0, lift], abs=1e-8 * abs(lift))
 
 
@@ -91,16 +86,10 @@ def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() 
     rate = (momentum(q + 1e-4 * v) - momentum(q - 1e-4 * v)) / 2e-4
     bias = rate - np.array(first) / 2e-4 + m.dof_damping * v
     np.testing.assert_allclose(terms_of(tree, q, v).bias, bias, rtol=0, atol=2e-5)
-    mass = [
-        (lagrangian(q, unit[i] + unit[j]) - lagrangian(q, unit[i]) - lagrangian(q, unit[j]))
-        + lagrangian(q, 0 * q)
-        for i in range(4) for j in range(4)
-    ]  # fmt: skip
-    expected = np.reshape(mass, (4, 4)) + 0.0
+    alone, rest = [lagrangian(q, one) for one in unit], lagrangian(q, 0 * q)
+    expected = [[lagrangian(q, one + other) for other in unit] for one in unit]
+    expected = np.array(expected) - np.add.outer(alone, alone) + rest
     np.testing.assert_allclose(terms_of(tree, q, v).mass, expected, rtol=0, atol=1e-6)
-
-
-T = sp.Symbol("t")
 
 
 def dynamic(names: str):
@@ -111,13 +100,11 @@ def derived(kinetic, potential, q, work, u):
     """M and forcing of Lagrange's equations; work: generalised forces of inputs and damping."""
     v = [x.diff(T) for x in q]
     lagrangian = kinetic - potential
-    equations = [
-        (lagrangian.diff(w).diff(T) - lagrangian.diff(x) - force)
-        for x, w, force in zip(q, v, work, strict=True)
-    ]
-    a = [x.diff(T, 2) for x in q]
-    mass = sp.Matrix(equations).jacobian(a)
-    return mass, -sp.Matrix(equations).subs(dict.fromkeys(a, 0)), v
+    whole, a = zip(q, v, work, strict=True), [x.diff(T, 2) for x in q]
+    equations = sp.Matrix(
+        [lagrangian.diff(w).diff(T) - lagrangian.diff(x) - f for x, w, f in whole]
+    )
+    return equations.jacobian(a), -equations.subs(dict.fromkeys(a, 0)), v
 
 
 def cart_double_pendulum():
@@ -174,33 +161,18 @@ FURUTA = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
 <actuator><motor name="u" joint="arm"/></actuator></mujoco>"""
 
 
-def furuta_plant(**equations) -> Plant:
-    return Plant(
-        name="furuta",
-        model=FURUTA,
-        coordinates=("arm", "pole"),
-        inputs=("u",),
-        parameters={
-            "pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
-            "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5),
-        },
-        write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
-        **equations,
-    )
+ROTARY = Plant(
+    name="furuta", model=FURUTA, coordinates=("arm", "pole"), inputs=("u",),
+    parameters={"pole_mass": afl.Parameter(0.13, "kg", low=0.05, high=0.3),
+                "pole_length": afl.Parameter(0.3, "m", low=0.2, high=0.5)},
+    write=lambda p: {"body pole": afl.rod(mass=p.pole_mass, length=p.pole_length)},
+)  # fmt: skip
 
 
-DERIVED = {
-    "cart-double-pendulum": (
-        cart_double_pendulum, lambda: load_plant("cart_double_pendulum.py:plant", EXAMPLES)),
-    "quadrotor-load": (quadrotor_load, lambda: load_plant("quadrotor_load.py:plant", EXAMPLES)),
-    "furuta": (furuta, furuta_plant),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", DERIVED)
-def test_the_tree_is_what_sympy_derives_from_the_lagrangian(name: str) -> None:
-    derivation, plant_of = DERIVED[name]
-    ((mass, forcing, v), q, u, p), plant = derivation(), plant_of()
+@pytest.mark.parametrize("derivation", [cart_double_pendulum, quadrotor_load, furuta])
+def test_the_tree_is_what_sympy_derives_from_the_lagrangian(derivation) -> None:
+    plant = ROTARY if derivation is furuta else known(f"{derivation.__name__}.py:plant")
+    (mass, forcing, v), q, u, p = derivation()
     terms = afl.from_sympy(mass, forcing, q, v, u, p)
     model, rng = PlantModel(plant, compared=True), np.random.default_rng(2)
     n, k = len(q), len(u)

@@ -12,6 +12,13 @@ from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import NAMES, SMALL, known, small, varied
 
+MOTOR = '<motor name="torque" joint="arm"/>'
+LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
+SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
+JOINT = '<joint name="arm" axis="0 1 0"/>'
+TIP = '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>'
+PRODUCTS = TIP.replace("diaginertia", "fullinertia").replace('.1"/>', '.1 .01 0 0"/>')
+
 
 def drawn(plant: afl.Plant, count: int) -> np.ndarray:
     low, high = np.array([(x.low, x.high) for x in plant.parameters.values()]).T
@@ -33,14 +40,8 @@ def test_in_place_equals_afresh_and_rows_from_arrays_are_those_made_one_by_one(n
     np.testing.assert_allclose(model.rows(drawn(plant, 7)), one_by_one, rtol=1e-12)
 
 
-MOTOR = '<motor name="torque" joint="arm"/>'
-SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
-JOINT = '<joint name="arm" axis="0 1 0"/>'
-
-
 @pytest.mark.parametrize("change", [
-    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'),
-    (MOTOR, '<motor name="torque" joint="arm" ctrlrange="-2 3" ctrllimited="false"/>'),
+    (MOTOR, LIMITED), (MOTOR, LIMITED.replace("/>", ' ctrllimited="false"/>')),
     (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
     (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'), (JOINT, f"<frame>{SLIDE}</frame>"),
 ])  # fmt: skip
@@ -52,9 +53,6 @@ def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> N
     np.testing.assert_array_equal(plant.limits, ends)
     slides = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_SLIDE
     assert (plant.units["arm"], plant.units["torque"]) == (("rad", "N m"), ("m", "N"))[slides]
-
-
-LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
 
 
 def included(folder, deep: int, old: str, new: str) -> afl.Plant:
@@ -79,36 +77,39 @@ def test_a_file_of_an_mjcf_is_read_and_a_file_of_a_file_refused(change, refused,
         PlantModel(included(tmp_path, 2, *change))
 
 
-@pytest.mark.parametrize("line", [
-    "length = max(p.length, 0.3)", "length = 0.3 if p.length < 0.3 else p.length",
+@pytest.mark.parametrize(("least", "target", "changes"), [
+    *((0.3, "body arm ipos 2", (("    return {", f"    length = {said}\n    return {{"),
+                                ("length=p.length)", "length=length)")))
+      for said in ("max(p.length, 0.3)", "0.3 if p.length < 0.3 else p.length")),
+    (0.0, "geom arm size 1", (("p.length / 2,", "float(np.sum(p.length)) / 2,"),
+                              ("def write", "import numpy as np\n\n\ndef write"))),
 ])  # fmt: skip
-def test_a_write_that_knows_no_arrays_is_called_row_by_row(line: str, tmp_path) -> None:
-    change = ("    return {", f"    {line}\n    return {{"), ("length=p.length)", "length=length)")
-    plant = small(tmp_path, *change)
+def test_a_write_that_knows_no_arrays_is_called_row_by_row(least, target, changes, tmp_path):
+    plant = small(tmp_path, *changes)
     model, p = PlantModel(plant), drawn(plant, 50)
-    center = model.rows(p)[:, [str(x) for x in model.targets].index("body arm ipos 2")]
-    np.testing.assert_array_equal(center, np.maximum(p[:, 1], 0.3) / 2)
+    found = model.rows(p)[:, [str(x) for x in model.targets].index(target)]
+    np.testing.assert_array_equal(found, np.maximum(p[:, 1], least) / 2)
 
 
-def test_a_write_that_changes_what_it_is_given_is_refused(tmp_path) -> None:
-    change = ("    return {", "    p.length = max(p.length, 0.3)\n    return {")
-    plant = small(tmp_path, change)
-    with pytest.raises(afl.AflMujocoError, match="write must not change p"):
-        PlantModel(plant).rows(drawn(plant, 50))
+MASS = '"body tip mass": p.mass'
+FLAGS = '<geom name="stub" size=".1" mass="1"/><geom name="flag" size=".1" mass="{}"/>'
+QUIET = ("<worldbody>", '<option><flag contact="disable"/></option><worldbody>')
+MOVED = ('"geom arm pos 2"', '"geom flag pos 2": p.mass, "geom arm pos 2"')
 
 
-def test_a_write_that_is_random_is_refused(tmp_path) -> None:
-    change = ("p.length / 2,", "p.length / 2 * __import__('random').random(),")
-    with pytest.raises(afl.AflMujocoError, match=r"^write must return the same for the same p"):
-        PlantModel(small(tmp_path, change))
-
-
-def test_a_write_that_sums_over_arrays_is_not_believed(tmp_path) -> None:
-    sums = ("p.length / 2,", "float(__import__('numpy').sum(p.length)) / 2,")
-    plant = small(tmp_path, sums)
-    model, p = PlantModel(plant), drawn(plant, 5)
-    half = model.rows(p)[:, [str(x) for x in model.targets].index("geom arm size 1")]
-    np.testing.assert_array_equal(half, p[:, 1] / 2)
+@pytest.mark.parametrize(("said", "changes"), [
+    ("write must not change p",
+     [("    return {", "    p.length = max(p.length, 0.3)\n    return {")]),
+    ("^write must return the same for the same p",
+     [("p.length / 2,", "p.length / 2 * __import__('random').random(),")]),
+    ("a geom that has its mass", [QUIET, (TIP, FLAGS.format(0.1)), MOVED]),
+    ("p has mass, length; did you mean length", [("length=p.length", "length=p.lenght")]),
+    ("masses that are written would be ignored",
+     [('<compiler angle="radian"/>', '<compiler angle="radian" inertiafromgeom="true"/>')]),
+])  # fmt: skip
+def test_a_write_that_cannot_be_used_is_refused(said, changes, tmp_path) -> None:
+    with pytest.raises(afl.AflMujocoError, match=said):
+        PlantModel(plant := small(tmp_path, *changes)).rows(drawn(plant, 50))
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -118,29 +119,6 @@ def test_the_compiled_writer_writes_the_same(name: str) -> None:
     for row in other.rows(drawn(plant, 3)):
         write_row(other.structures, other.addresses, row)
         assert other.differing(row) == {}
-
-
-def test_a_geom_without_mass_may_be_written_without_its_body(tmp_path) -> None:
-    text = '<geom name="stub" size=".1" mass="1"/><geom name="flag" size=".1" mass="0"/>'
-    changes = (
-        ('<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>', text),
-        ('"geom arm pos 2"', '"geom flag pos 2": p.mass, "geom arm pos 2"'),
-    )
-    quiet = ("<worldbody>", '<option><flag contact="disable"/></option><worldbody>')
-    PlantModel(small(tmp_path, quiet, *changes))
-    with pytest.raises(afl.AflMujocoError, match="a geom that has its mass"):
-        PlantModel(small(tmp_path, quiet, *changes, ('mass="0"', 'mass="0.1"')))
-
-
-def test_a_write_that_asks_for_a_parameter_that_is_not_there_says_which_there_are(tmp_path) -> None:
-    with pytest.raises(afl.AflMujocoError, match="p has mass, length; did you mean length"):
-        PlantModel(small(tmp_path, ("length=p.length", "length=p.lenght")))
-
-
-def test_masses_of_geoms_are_not_asked_for_where_masses_are_written(tmp_path) -> None:
-    asked = ('<compiler angle="radian"/>', '<compiler angle="radian" inertiafromgeom="true"/>')
-    with pytest.raises(afl.AflMujocoError, match="masses that are written would be ignored"):
-        PlantModel(small(tmp_path, asked))
 
 
 def test_a_file_that_changes_while_it_runs_is_refused_by_another_process(tmp_path) -> None:
@@ -163,16 +141,13 @@ def test_code_that_never_ends_is_refused(old, new, said, tmp_path, monkeypatch) 
         afl.check(small(tmp_path, (old, new), loop), samples=10)
 
 
-TIP = '<inertial pos="0 0 .1" mass="1" diaginertia=".1 .1 .1"/>'
-PRODUCTS = TIP.replace("diaginertia", "fullinertia").replace('.1"/>', '.1 .01 0 0"/>')
-GEOM = '<geom size=".1" contype="0" conaffinity="0"/>'
-
-
 @pytest.mark.parametrize(("inertial", "written"), [
-    (TIP, '"body tip inertia 1": 0.12'), (PRODUCTS, '"body tip mass": p.mass'),
-    (GEOM, '"body tip mass": p.mass'),
+    (TIP, '"body tip inertia 1": 0.12'), (PRODUCTS, MASS),
+    ('<geom size=".1" contype="0" conaffinity="0"/>', MASS),
 ], ids=["one axis", "products", "of a geom"])  # fmt: skip
 def test_the_rest_of_an_inertia_is_that_of_the_mjcf(inertial, written, tmp_path) -> None:
+    # a geom without mass may be written without its body
+    PlantModel(small(tmp_path, QUIET, (TIP, FLAGS.format(0)), MOVED))
     plant = small(tmp_path, (TIP, inertial), ("    return {", f"    return {{{written}, "))
     model = PlantModel(plant)
     for row in model.rows(drawn(plant, 5)):
