@@ -43,7 +43,6 @@ def test_its_examples_give_what_they_show_and_what_it_names_is_defined_on_it() -
         for example in finder.find(thing, name, module=False):
             runner.run(example)
     assert runner.summarize(verbose=False).failed == 0 and runner.tries > 25
-    pytest.importorskip("dm_control")
     found = dict(documented())
     assert len(found) > 40
     texts = [(name, text) for name, thing in found.items() for text in docstrings(thing)]

@@ -24,12 +24,9 @@ def made():
     return CONTENT.pages()
 
 
-def test_every_page_is_as_the_templates_and_results_make_it(made) -> None:
+def test_a_page_is_as_it_is_made_asks_for_nothing_and_has_every_figure_that_it_shows(made) -> None:
     for page, text in made.items():
         assert page.read_text(encoding="utf-8") == text, f"{page.name}: run make docs"
-
-
-def test_what_can_be_read_asks_for_nothing_and_has_every_figure_that_it_shows(made) -> None:
     pages = {page for page in DOCS.rglob("*.md") if "_build" not in page.parts} | {README}
     there = {page for page in pages if PAGES not in page.parents}
     assert {page for page in made if page.suffix == ".md"} < there

@@ -14,17 +14,13 @@ import afl_mujoco.studies as studies
 ROOT = Path(__file__).parents[2]
 
 
-def snippet(page: str) -> str:
+def snippet(page: str, kind: str = "python") -> str:
     text = (ROOT / page).read_text(encoding="utf-8")
-    return text.split("```python\n")[1].split("```")[0]
+    return text.split(f"```{kind}\n")[1].split("```")[0]
 
 
 def run(text: str, folder: Path) -> str:
-    done = subprocess.run(
-        [sys.executable, "-c", text], cwd=folder, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    return subprocess.check_output([sys.executable, "-c", text], cwd=folder, text=True, timeout=300)
 
 
 def verdicts(table: str) -> dict[str, str]:
@@ -35,8 +31,7 @@ def verdicts(table: str) -> dict[str, str]:
 
 @pytest.mark.slow
 def test_what_the_readme_says_is_printed_is_printed() -> None:
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    found = verdicts(readme)
+    found = verdicts((ROOT / "README.md").read_text(encoding="utf-8"))
     assert found["recovers within 3.5 s"] == "✓✗✓"  # lqr, adaptive, mine
     assert len(found) == 5 and verdicts(run(snippet("README.md"), ROOT)) == found
 
@@ -59,14 +54,13 @@ def test_the_study_of_the_guide_is_a_command(tmp_path: Path, monkeypatch, comman
 
 
 def test_the_plant_of_the_guide_has_the_mistake_that_it_says_and_is_mended(tmp_path, command_line):
-    page = (ROOT / "docs/howto/own_plant.md").read_text(encoding="utf-8")
-    blocks = {kind: page.split(f"```{kind}\n")[1].split("```")[0] for kind in ("xml", "text")}
-    plant = snippet("docs/howto/own_plant.md")
-    (tmp_path / "furuta.xml").write_text(blocks["xml"])
+    parts = [snippet("docs/howto/own_plant.md", kind) for kind in ("xml", "text", "python")]
+    mjcf, said, plant = parts
+    (tmp_path / "furuta.xml").write_text(mjcf)
     (tmp_path / "furuta.py").write_text(plant)
     arguments = ("check", "furuta.py:plant", "--no-page", "--out", "checked")
     code, output, errors = command_line(*arguments)
-    assert (code, output.splitlines()[-1], errors) == (1, blocks["text"].strip(), "")
+    assert (code, output.splitlines()[-1], errors) == (1, said.strip(), "")
     mended = plant.replace("        twist * v[0]", "        2 * twist * v[0]")
     assert mended != plant
     (tmp_path / "furuta.py").write_text(mended)

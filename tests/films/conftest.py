@@ -1,13 +1,8 @@
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.films.replay import record
 from afl_mujoco.scenario.time_steps import Deployed
-
-FPS = 30
 
 
 @pytest.fixture(scope="session")
@@ -26,10 +21,4 @@ def growing():
 
 @pytest.fixture(scope="session")
 def replay(growing):
-    return record(growing, afl.CONTROLLERS["adaptive"], Deployed(), FPS)
-
-
-@pytest.fixture
-def apart(replay):
-    """The same, the ideal cart 0.8 m to the left and its pole turned by 0.4 rad."""
-    return replace(replay, ideal=replay.state + np.array([-0.8, 0.4, 0.0, 0.0]))
+    return record(growing, afl.CONTROLLERS["adaptive"], Deployed(), 30)

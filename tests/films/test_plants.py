@@ -47,18 +47,15 @@ def segments(stage, renderer, replay, index, path):
 
 def seen(stage, renderer, replay) -> np.ndarray:
     """Return first and last row and column of what moves in any frame, (4,)."""
-    found = []
+    found, model = [], stage.model.mj_model
     for index in range(len(replay.time)):
         picture = segments(stage, renderer, replay, index, stage.paths[0])
-        model = stage.model.mj_model
         geoms = picture[..., 1] == mujoco.mjtObj.mjOBJ_GEOM
         which = np.where(geoms, picture[..., 0], 0)
-        moving = geoms & (model.body_weldid[model.geom_bodyid][which] > 0)
-        assert moving.any()
-        rows, columns = np.nonzero(moving)
-        found.append((rows.min(), rows.max(), columns.min(), columns.max()))
-    found = np.array(found)
-    return np.array([*found.min(axis=0)[[0, 2]], *found.max(axis=0)[[1, 3]]])
+        places = np.argwhere(geoms & (model.body_weldid[model.geom_bodyid][which] > 0))
+        assert len(places)
+        found += [places.min(axis=0), places.max(axis=0)]
+    return np.concatenate([np.min(found, axis=0), np.max(found, axis=0)])
 
 
 @pytest.mark.slow
@@ -103,7 +100,7 @@ def test_the_ghost_is_the_loop_without_imperfections_by_the_equations():
     assert record(unknown, lqr, Deployed().on(unknown), FPS).ideal is None
 
 
-def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
+def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_run(monkeypatch):
     scenario = scenario_of("cart_double_pendulum.py:plant")
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     names = [label for label, _ in replay.readouts(0)]
@@ -113,16 +110,11 @@ def test_numbers_and_curves_have_the_names_and_units_of_the_plant(monkeypatch):
     monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))
     assert labels == [*words[2:], words[1], words[0]]
-
-
-def test_parameters_that_change_after_the_first_run_has_ended_are_shown(monkeypatch):
     scenario = afl.Scenario(name="two", schedule={"cart_mass": afl.staircase([2.0], [1.0, 1.6])},
                             initial_state={"phi": 0.3}, duration=2.5)  # fmt: skip
     falls = PythonController(name="falls", function=lambda time, state, belief: 0.0)
     both = [record(scenario, one, Deployed(), FPS) for one in (falls, afl.CONTROLLERS["lqr"])]
     assert both[0].end < 2.0 and not both[0].changing
-    labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
-    monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots(both, (320, 180))
     assert "cart_mass [kg]" in labels
 
@@ -131,8 +123,6 @@ SLIDER = """<mujoco><worldbody>{first}<body name="b">
 <joint name="x" type="slide" axis="1 0 0" ref="{ref}"/>
 <geom type="box" size=".1 .1 .1" pos="{at} 0 0" mass="1"/></body></worldbody>
 <actuator><general name="pull" joint="x" gainprm="-3"/></actuator></mujoco>"""
-
-
 WHEEL = """<body name="a" pos="0 1 0"><joint name="turn"/><geom size=".1" mass="1"
  contype="0" conaffinity="0"/></body>"""
 
@@ -155,9 +145,9 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
     assert d.geom_xpos[-1, 0] == pytest.approx(at + here - ref)  # MuJoCo's own
     scene = mujoco.MjvScene(m, 100)
     add_tracks(scene, stage.model, stage.rails, replay.state[0])
-    boxes = [geom for geom in scene.geoms[: scene.ngeom]]
-    stops = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, STOP))
-    limits = sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, LIMIT))
+    boxes = scene.geoms[: scene.ngeom]
+    stops, limits = (sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, colour))
+                     for colour in (STOP, LIMIT))  # fmt: skip
     thick = 0.015 * m.stat.extent
     touched = [at - ref - 1.1 - thick, at - ref + 1.1 + thick]
     np.testing.assert_allclose(stops, touched, atol=1e-6)
@@ -176,13 +166,11 @@ def test_an_arrow_points_where_the_drive_pushes():
     assert np.sign(arrow.mat[0, 2]) == np.sign(model.mj_data.qacc[0]) == -1.0
 
 
-@pytest.mark.parametrize(("name", "coordinate", "ghost"), [
-    ("adaptive", "phi", False), ("adaptive", "z", True),
-])  # fmt: skip
-def test_there_is_no_ghost_of_what_the_equations_cannot_say(name, coordinate, ghost):
+@pytest.mark.parametrize(("coordinate", "ghost"), [("phi", False), ("z", True)])
+def test_there_is_no_ghost_of_what_the_equations_cannot_say(coordinate, ghost):
     push = afl.ForcePulse(force=0.1, start=0.101, duration=0.01, coordinate=coordinate)
     scenario = afl.Scenario(name="s", disturbances=(push,), duration=0.4)
-    replay = record(scenario, afl.CONTROLLERS[name], Deployed(), FPS)
+    replay = record(scenario, afl.CONTROLLERS["adaptive"], Deployed(), FPS)
     assert (replay.ideal is not None) == ghost
     seen = replay.channels.any(axis=1)
     assert seen.sum() == 5 and not seen[:3].any()  # 0.25 s, though it lies between two frames

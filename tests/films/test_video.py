@@ -30,11 +30,6 @@ def decode(path):
     return about, mediapy.read_video(path)
 
 
-@pytest.fixture
-def films(growing):
-    return plan([growing], CONTROLLERS[:2], size=SIZE, fps=30)
-
-
 @pytest.mark.parametrize("beside", [1, 3, 5])
 def test_a_film_decodes_with_each_of_its_frames(graphics, growing, tmp_path, beside):
     film = side_by_side(growing, CONTROLLERS[:beside], size=SIZE)
@@ -66,7 +61,12 @@ def test_a_film_knows_its_limits_and_verdict_and_a_fallen_run_stands_still(growi
         assert len(np.unique(array[after], axis=0)) == 1
 
 
-def test_processes_make_the_same_films_each_alone_and_side_by_side(graphics, films, tmp_path):
+def test_processes_make_the_same_films_each_alone_and_side_by_side(graphics, growing, tmp_path):
+    films = plan([growing], CONTROLLERS[:2], size=SIZE, fps=30)
+    (tmp_path / LISTING).write_text("{}")  # is refused before anything is filmed
+    with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
+        make_films(films, tmp_path)
+    assert [p.name for p in tmp_path.iterdir()] == [LISTING]
     one, two, counted = tmp_path / "one", tmp_path / "two", []
     for folder, workers in ((one, 1), (two, 2)):
         folder.mkdir()
@@ -77,10 +77,3 @@ def test_processes_make_the_same_films_each_alone_and_side_by_side(graphics, fil
     for film in films:
         name = film.entry.file
         np.testing.assert_array_equal(decode(one / name)[1], decode(two / name)[1])
-
-
-def test_a_list_that_cannot_be_read_is_refused_before_anything_is_filmed(films, tmp_path):
-    (tmp_path / LISTING).write_text("{}")
-    with pytest.raises(FileError, match=r"films\.json does not list films: .*: remove it"):
-        make_films(films, tmp_path)
-    assert [p.name for p in tmp_path.iterdir()] == [LISTING]

@@ -2,23 +2,16 @@
 
 import json
 import re
+from itertools import product
 
 import pytest
 from matplotlib.text import Text
 
 from afl_mujoco.control.names import NAMES
-from afl_mujoco.report import blocks
+from afl_mujoco.report import blocks, figures
 from afl_mujoco.report import terminal as terminal_module
 from afl_mujoco.report.blocks import code, limit, plain, scientific, short, to_markdown
-from afl_mujoco.report.figures import (
-    CONTROLLERS,
-    colours,
-    lay_out,
-    new_figure,
-    save_figure,
-    styled,
-    write_figure,
-)
+from afl_mujoco.report.figures import new_figure, save_figure, styled
 from afl_mujoco.report.page import to_html
 from afl_mujoco.report.terminal import print_report, to_text
 
@@ -32,17 +25,11 @@ def draw():
 
 
 def matrix(folded: str = "") -> blocks.Matrix:
-    return blocks.Matrix(
-        caption="How far each goes",
-        columns=("name", "distance [m]", "verdict"),
-        rows=(
-            ("first", "1.5", blocks.Cell("stays", "good")),
-            (NASTY, "−2", blocks.Cell("falls", "bad")),
-            ("third", "0", blocks.Cell("rests", "neutral")),
-            ("fourth", "–", blocks.Cell("unclear", "open")),
-        ),
-        folded=folded,
-    )
+    said = [("stays", "good"), ("falls", "bad"), ("rests", "neutral"), ("unclear", "open")]
+    cells, named = [blocks.Cell(*x) for x in said], ("first", NASTY, "third", "fourth")
+    rows = [*zip(named, ("1.5", "−2", "0", "–"), cells, strict=True)]
+    columns = ("name", "distance [m]", "verdict")
+    return blocks.Matrix(caption="How far each goes", columns=columns, rows=rows, folded=folded)
 
 
 MOVING = {"duration": 1.5, "runs": [{"controller": NASTY, "colour": "#000000"}]}
@@ -102,7 +89,7 @@ def test_markdown_escapes_what_would_be_markup() -> None:
 
 
 def test_a_page_holds_what_it_is_given_escaped_without_script(tmp_path) -> None:
-    write_figure(LINE, tmp_path)
+    figures.write_figure(LINE, tmp_path)
     (tmp_path / "a-run.replay.json").write_text(json.dumps(MOVING), encoding="utf-8")
     page = html(tmp_path)
     assert "<script>alert" not in page and "&lt;script&gt;alert(1)" in page
@@ -120,21 +107,16 @@ def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(t
     assert "The figure “A line” is missing" in said and "The replay “A run” is missing" in said
 
 
-WIDE_NAMES = "step-step", "a-very-long-name-of-a-scenario"
-PAIRS = [(s, c) for s in WIDE_NAMES for c in ("adaptive", "lqr")]
-WIDE = blocks.Matrix(
-    caption="Wide",
-    columns=("Scenario", "Controller", "Outcome", *(f"B{k}" for k in range(8))),
-    rows=[(*pair, "fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8))) for pair in PAIRS],
-)
-
-
 @pytest.mark.parametrize("width", [80, 104, 300])
 def test_a_table_that_is_too_wide_goes_on_below_with_nothing_lost_or_broken(width, monkeypatch):
     monkeypatch.setattr(terminal_module, "WIDTH", width)
-    text = to_text([WIDE])
+    columns = ("Scenario", "Controller", "Outcome", *(f"B{k}" for k in range(8)))
+    pairs = product(("step-step", "a-very-long-name-of-a-scenario"), ("adaptive", "lqr"))
+    rest = ("fell at t = 1.26 s", *(f"{k}.0×10⁻¹²" for k in range(8)))
+    wide = blocks.Matrix(caption="Wide", columns=columns, rows=[(*pair, *rest) for pair in pairs])
+    text = to_text([wide])
     assert max(map(len, text.splitlines())) <= width
-    assert all(column in text for column in WIDE.columns)
+    assert all(column in text for column in columns)
     assert all(text.count(f"{k}.0×10⁻¹²") == 4 for k in range(8)) and text.count("fell at") == 4
     parts = text.count("Scenario")
     assert (parts > 1) == (width < 150)
@@ -166,45 +148,36 @@ def test_numbers_have_few_digits_powers_of_ten_and_a_proper_minus(write, value, 
     assert write(value) == text
 
 
-@styled()
-def a_figure():
-    figure = new_figure(3.0, 2.0)
-    axis = figure.subplots()
-    axis.plot([0.0, 1.0], [1e-3, 1.0])
-    axis.set(xlabel="time t [s]", ylabel="z [m]")
-    return figure
-
-
 def test_no_two_controllers_of_a_figure_share_a_colour() -> None:
     names = (*NAMES, "adaptive-estimated", "lqr-estimated", "mine.pd", *map(str, range(20)))
-    found = colours(names)
+    found = figures.colours(names)
     assert list(found) == list(names)
     assert len({colour.lower() for colour in found.values()}) == len(names)
-    assert {name: found[name] for name in CONTROLLERS} == CONTROLLERS
+    assert {name: found[name] for name in figures.CONTROLLERS} == figures.CONTROLLERS
 
 
 @pytest.mark.parametrize("suffix", ["svg", "png"])
+@styled()
 def test_the_same_figure_is_the_same_bytes_without_a_date_or_a_font(tmp_path, suffix: str) -> None:
     for name in ("one", "two"):
-        save_figure(a_figure(), tmp_path / f"{name}.{suffix}")
+        figure = draw()
+        figure.axes[0].set(xlabel="time t [s]", ylabel="z [m]")
+        save_figure(figure, tmp_path / f"{name}.{suffix}")
     one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
     assert one == two and len(list(tmp_path.iterdir())) == 2
     assert suffix == "png" or not re.search(rb"dc:date|<text|font-family", one)
 
 
-AWKWARD = r"a$\frac$b"
-"""A name that matplotlib would read as a broken formula."""
-
-
 def test_a_name_is_shown_as_it_is_and_not_read_as_a_formula(tmp_path) -> None:
+    name = r"a$\frac$b"
     with styled():
         figure = new_figure(3.0, 2.0)
         axis = figure.subplots()
-        axis.plot([AWKWARD], [1e-3], label=AWKWARD)
-        figure.suptitle(AWKWARD)
+        axis.plot([name], [1e-3], label=name)
+        figure.suptitle(name)
         axis.legend()
-        axis.annotate(AWKWARD, (0.0, 1e-3))
+        axis.annotate(name, (0.0, 1e-3))
     save_figure(figure, tmp_path / "saved.png")
-    lay_out(figure)
-    drawn = figure.findobj(lambda one: isinstance(one, Text) and one.get_text() == AWKWARD)
+    figures.lay_out(figure)
+    drawn = figure.findobj(lambda one: isinstance(one, Text) and one.get_text() == name)
     assert len(drawn) >= 4 and not any(text.get_parse_math() for text in drawn)
