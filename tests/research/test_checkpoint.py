@@ -52,17 +52,12 @@ def file(tmp_path):
     return tmp_path / "search"
 
 
-@pytest.fixture(scope="module")
-def whole() -> SearchResult:
-    return searched()
-
-
 @pytest.mark.parametrize("evaluated", [0, 1, 7, 12])
-def test_a_resumed_search_gives_the_bits_of_an_uninterrupted_one(file, whole, evaluated) -> None:
+def test_a_resumed_search_gives_the_bits_of_an_uninterrupted_one(file, evaluated) -> None:
     stopped(file, evaluated)
     asked = []
     result = searched(file, lambda x: asked.append(len(x)) or cost(x), resume=True)
-    assert bits(result) == bits(whole)
+    assert bits(result) == bits(searched())
     assert len(asked) == 13 - evaluated  # nothing is computed twice
 
 

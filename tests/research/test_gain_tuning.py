@@ -19,11 +19,9 @@ def test_the_shipped_table_is_the_paper_s_grid_confirmed_by_mujoco_and_in_use() 
     assert CONTROLLERS["fixed-retuned"].gain_function.gains(0.3, 0.9) == nominal
 
 
-SMALL = GeneticSettings(population_size=120, generations=40)
-
-
 def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_box() -> None:
-    unit = gain_tuning.pair_searches((1.0,), (0.5,), SMALL, seed=0)[0]
+    small = GeneticSettings(population_size=120, generations=40)
+    unit = gain_tuning.pair_searches((1.0,), (0.5,), small, seed=0)[0]
     _, _, switching, slope, layer, found = gain_tuning.search_pair(unit)
     cost = gain_tuning.gain_cost(1.0, 0.5)
 
@@ -36,17 +34,14 @@ def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_bo
     assert found == pytest.approx(best.fun, rel=1e-6)
 
 
-GRID = np.array([(j / 10, k / 20) for j in range(1, 21) for k in range(1, 21)])
-MASS, LENGTH = GRID.T
-TRUE = np.array([4.0, -0.3, 0.9, -1.5, 0.6])
-GAIN = TRUE[0] + TRUE[1] * MASS ** TRUE[2] + TRUE[3] * LENGTH ** TRUE[4]
-
-
 def test_least_squares_recovers_a_gain_function_and_the_paper_s_search_comes_close() -> None:
-    fit = gain_tuning.fit_by_least_squares("slope", MASS, LENGTH, GAIN, seed=0)
-    assert fit.rmse < 1e-8 and fit.coefficients == pytest.approx(TRUE, rel=1e-3)
-    noisy = GAIN + 0.05 * np.sin(40.0 * MASS * LENGTH)
+    at = np.array([(j / 10, k / 20) for j in range(1, 21) for k in range(1, 21)]).T
+    true = np.array([4.0, -0.3, 0.9, -1.5, 0.6])
+    gain = true[0] + true[1] * at[0] ** true[2] + true[3] * at[1] ** true[4]
+    fit = gain_tuning.fit_by_least_squares("slope", *at, gain, seed=0)
+    assert fit.rmse < 1e-8 and fit.coefficients == pytest.approx(true, rel=1e-3)
+    noisy = gain + 0.05 * np.sin(40.0 * at[0] * at[1])
     settings = GeneticSettings(population_size=400, generations=150)
-    searched = gain_tuning.fit_by_search("slope", MASS, LENGTH, noisy, settings, seed=0)
-    reference = gain_tuning.fit_by_least_squares("slope", MASS, LENGTH, noisy, seed=0)
+    searched = gain_tuning.fit_by_search("slope", *at, noisy, settings, seed=0)
+    reference = gain_tuning.fit_by_least_squares("slope", *at, noisy, seed=0)
     assert reference.rmse <= searched.rmse < 1.5 * reference.rmse

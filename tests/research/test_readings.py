@@ -37,17 +37,13 @@ def test_our_own_optima_are_optimal_under_their_scales_and_the_papers_are_not(mo
     assert found.as_decided == found.best == 40 and found.median_excess < 1e-3
 
 
-TINY = replace(
-    readings.QUICK, restarts=1, generations=2, population=4, draws=20, descents=0, samples=50,
-    base=4, slopes=8, steps=3,
-)  # fmt: skip
-
-
 @pytest.mark.slow
 def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatch, capsys) -> None:
     one, find = [], readings.find_readings
+    few = {"restarts": 1, "generations": 2, "population": 4, "draws": 20, "descents": 0}
+    tiny = replace(readings.QUICK, **few, samples=50, base=4, slopes=8, steps=3)
     monkeypatch.setattr(readings, "find_readings", lambda *x: one.append(find(*x)) or one[0])
-    monkeypatch.setattr(readings, "QUICK", TINY)
+    monkeypatch.setattr(readings, "QUICK", tiny)
     readings.main(["--quick", "--workers", "1", "--out", str(tmp_path)])
     assert "four improvements are within 5 points of Table 3" in capsys.readouterr().out
     found = json.loads((tmp_path / "readings.json").read_text())
@@ -60,4 +56,4 @@ def test_each_case_of_each_named_reading_is_a_scenario_file(tmp_path, monkeypatc
     assert scenario.duration == first["values"]["horizon"]
     run = afl.simulate_ode(scenario, afl.CONTROLLERS["fixed"], sample_period=0.01)
     assert run.outcome.kind == "completed" and draw_sensitivity(found["sensitivity"]["cases"]).axes
-    assert one == [find(TINY, 0, workers=2)]  # for any number of workers
+    assert one == [find(tiny, 0, workers=2)]  # for any number of workers
