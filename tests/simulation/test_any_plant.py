@@ -8,6 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
+from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import remarks_on
@@ -19,33 +20,19 @@ from tests.plants.plants import EXAMPLES, known
 QUADROTOR = known("quadrotor_load.py:plant")
 HIT = afl.Impulse(momentum=1.0, time=1.0, coordinate="z")
 
-RENAMED = """
-<mujoco>
-  <option integrator="RK4"><flag autoreset="disable"/></option>
-  <worldbody>
-    <body name="sled">
-      <joint name="way" type="slide" axis="1 0 0"/>
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
-      <body name="stick">
-        <joint name="lean" axis="0 -1 0"/>
-        <inertial pos="0 0 .5" mass=".05" diaginertia="1 1 1"/>
-      </body>
-    </body>
-  </worldbody>
-  <actuator><motor name="pull" joint="way" ctrlrange="-70 50"/></actuator>
-</mujoco>
-"""
+RENAMED = """<mujoco><option integrator="RK4"><flag autoreset="disable"/></option><worldbody>
+<body name="sled"><joint name="way" type="slide" axis="1 0 0"/>
+  <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+  <body name="stick"><joint name="lean" axis="0 -1 0"/>
+    <inertial pos="0 0 .5" mass=".05" diaginertia="1 1 1"/></body></body></worldbody>
+<actuator><motor name="pull" joint="way" ctrlrange="-70 50"/></actuator></mujoco>"""
 
 
 def write(p):
     across = p.stick_mass * p.reach * p.reach / 3.0
-    return {
-        "body sled mass": p.sled_mass,
-        "body stick mass": p.stick_mass,
-        "body stick ipos 2": p.reach,
-        "body stick inertia": (across, across, 0.01 * across),
-        "option gravity 2": -p.weight,
-    }
+    sticks = {"mass": p.stick_mass, "ipos 2": p.reach, "inertia": (across, across, 0.01 * across)}
+    return {"body sled mass": p.sled_mass, "option gravity 2": -p.weight,
+            **{f"body stick {name}": value for name, value in sticks.items()}}  # fmt: skip
 
 
 def terms(q, v, p):
@@ -86,20 +73,13 @@ OWN = afl.Scenario(
 """A cart-pole whose M and l change, with most imperfections at once."""
 
 
-def renamed() -> afl.Scenario:
-    names = {"z": "way", "phi": "lean", "z_dot": "way_dot", "phi_dot": "lean_dot"}
-    r = OWN.imperfections
-    tables = {
-        name: {names[key]: x for key, x in getattr(r, name).items()}
-        for name in ("noise", "encoder_step", "damping", "end_stops")
-    }
-    schedule = dict(zip(SLED.parameters, OWN.schedule.values(), strict=True))
-    imperfections = replace(r, **tables)
-    return replace(OWN, plant=SLED, schedule=schedule, imperfections=imperfections)
-
-
 def test_a_plant_of_other_names_runs_bit_for_bit_as_the_cart_pole() -> None:
-    one, other = (afl.simulate_mujoco(x, steady) for x in (OWN, renamed()))
+    names, r = dict(zip(CART_POLE.states, SLED.states, strict=True)), OWN.imperfections
+    tables = {name: {names[key]: x for key, x in getattr(r, name).items()}
+              for name in ("noise", "encoder_step", "damping", "end_stops")}  # fmt: skip
+    schedule = dict(zip(SLED.parameters, OWN.schedule.values(), strict=True))
+    renamed = replace(OWN, plant=SLED, schedule=schedule, imperfections=replace(r, **tables))
+    one, other = (afl.simulate_mujoco(x, steady) for x in (OWN, renamed))
     assert one.outcome == other.outcome and one.outcome.kind == "completed"
     for name in ("state", "input", "command"):
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
@@ -111,10 +91,8 @@ def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
     text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>
         <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody>
         <actuator><motor name="t" joint="a"/></actuator></mujoco>"""
-    plant = afl.Plant(
-        name="pendulum", model=text, coordinates=("a",), inputs=("t",), upright=(np.pi,),
-        wraps=("a",),
-    )  # fmt: skip
+    what = {"coordinates": ("a",), "inputs": ("t",), "upright": (np.pi,), "wraps": ("a",)}
+    plant = afl.Plant(name="pendulum", model=text, **what)
     at = afl.Scenario(name="s", plant=plant, duration=3.0, initial_state=(-3.0, 0.0))
     one = afl.simulate_mujoco(at, "lqr")
     other = afl.simulate_mujoco(replace(at, initial_state=(2.0 * np.pi - 3.0, 0.0)), "lqr")
@@ -127,9 +105,8 @@ def test_requirements_go_by_the_plants_names_and_measure_from_the_target() -> No
         target={"way": 0.5}, max={"way": 0.7, "pull": 75.0, "top": 1.1}, min={"top": 0.9},
         settling_time=5.0, bands={"way": 0.1},
     )  # fmt: skip
-    scenario = afl.Scenario(
-        name="to", plant=SLED, requirements=asked, initial_state={"lean": 0.1}, duration=8.0
-    )
+    what = {"requirements": asked, "initial_state": {"lean": 0.1}}
+    scenario = afl.Scenario(name="to", plant=SLED, duration=8.0, **what)
     (row,) = afl.compare(scenario, "lqr").rows
     found = {one.requirement: one for one in row.requirements}
     assert [*found] == "completes max.way max.pull max.top min.top settling_time".split()
@@ -182,7 +159,9 @@ def test_a_controller_fits_its_plant_and_returns_all_of_its_inputs() -> None:
     assert run.input[0].tolist() == [5.0, 5.0]
 
 
-def test_a_saved_run_knows_the_names_of_its_plant(tmp_path) -> None:
+def test_a_saved_run_knows_the_names_of_its_plant_and_a_scenario_finds_it_from_any_folder(
+    tmp_path: Path, monkeypatch
+) -> None:
     scenario = afl.Scenario(name="own", plant=QUADROTOR, duration=0.1)
     run = afl.simulate_mujoco(scenario, "lqr")
     run.save(tmp_path / "run.npz")
@@ -191,6 +170,16 @@ def test_a_saved_run_knows_the_names_of_its_plant(tmp_path) -> None:
     assert list(again.parameters) == list(QUADROTOR.parameters)
     with pytest.raises(AttributeError, match="no parameter cart_mass; parameters: mass, inertia"):
         _ = again.cart_mass
+    for kind in ("py", "xml"):
+        shutil.copy(EXAMPLES / f"quadrotor_load.{kind}", tmp_path)
+    (tmp_path / "own.toml").write_text('plant = "quadrotor_load.py:plant"\nduration = 1.0\n')
+    monkeypatch.chdir(tmp_path)
+    scenario = afl.load_scenario("own.toml")
+    (tmp_path / "out" / "deep").mkdir(parents=True)
+    afl.save_scenario(scenario, "out/deep/saved.toml")
+    assert 'plant = "../../quadrotor_load.py:plant"' in Path("out/deep/saved.toml").read_text()
+    monkeypatch.chdir(tmp_path / "out")
+    assert afl.load_scenario("deep/saved.toml").plant.name == scenario.plant.name
 
 
 def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None:
@@ -215,25 +204,19 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
     assert np.abs(run.state[falls] - run.state[falls - 1])[4:].max() < 0.1
 
 
-TURNING = """<mujoco><option gravity="0 0 0"/><worldbody>
-  <body name="arm"><joint name="a" axis="0 0 1"/>
-    <inertial pos="0.5 0 0" mass="1" diaginertia=".01 .01 .01"/></body>
-  <body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
-    <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/></body>
-</worldbody></mujoco>"""
-
-
-def turning() -> afl.Plant:
-    """A load at the end of an arm, and a cart that has nothing to do with it."""
-    return afl.Plant(
-        name="turning", model=TURNING, coordinates=("a", "x"),
-        parameters={
-            "l": afl.Parameter(0.5, "m"), "m": afl.Parameter(1.0, "kg", jump="momenta"),
-            "cart": afl.Parameter(2.0, "kg", jump="momenta"),
-        },
-        write=lambda p: {"body arm ipos 0": p.l, "body arm mass": p.m, "body cart mass": p.cart},
-        terms=lambda q, v, p: (((0.01 + p.m * p.l**2, 0), (0, p.cart)), (0, 0), ((), ())),
-    )  # fmt: skip
+TURNING = afl.Plant(
+    name="turning", coordinates=("a", "x"),
+    model="""<mujoco><option gravity="0 0 0"/><worldbody>
+      <body name="arm"><joint name="a" axis="0 0 1"/>
+        <inertial pos="0.5 0 0" mass="1" diaginertia=".01 .01 .01"/></body>
+      <body name="cart"><joint name="x" type="slide" axis="1 0 0"/>
+        <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/></body></worldbody></mujoco>""",
+    parameters={"l": afl.Parameter(0.5, "m"), "m": afl.Parameter(1.0, "kg", jump="momenta"),
+                "cart": afl.Parameter(2.0, "kg", jump="momenta")},
+    write=lambda p: {"body arm ipos 0": p.l, "body arm mass": p.m, "body cart mass": p.cart},
+    terms=lambda q, v, p: (((0.01 + p.m * p.l**2, 0), (0, p.cart)), (0, 0), ((), ())),
+)  # fmt: skip
+"""A load at the end of an arm, and a cart that has nothing to do with it."""
 
 
 def kept(length: float) -> float:
@@ -258,13 +241,17 @@ JOINS = {  # the schedule, and what the arm keeps
 @pytest.mark.parametrize(("schedule", "share"), JOINS.values(), ids=JOINS)
 def test_what_joins_at_rest_does_not_change_what_else_jumps_or_ramps(schedule, share) -> None:
     scenario = afl.Scenario(
-        name="joins", plant=turning(), schedule=schedule, duration=1.5,
+        name="joins", plant=TURNING, schedule=schedule, duration=1.5,
         initial_state={"a_dot": 1.0, "x_dot": 1.0},
     )  # fmt: skip
     modes = ("sampled", "exact", "continuous")
     runs = [afl.simulate_mujoco(scenario, lambda *_: (), mode=mode) for mode in modes]
     for run in (*runs, afl.simulate_ode(scenario, lambda *_: ())):
         assert run.state[-1, 2:] == pytest.approx([share, 1.0], rel=1e-12)
+
+
+def nothing(time, state, belief):
+    return ()
 
 
 def test_a_plant_needs_neither_parameters_nor_inputs() -> None:
@@ -287,23 +274,6 @@ def test_a_plant_needs_neither_parameters_nor_inputs() -> None:
         Request(scenario, [afl.CONTROLLERS["lqr"]], {}).require()
 
 
-def nothing(time, state, belief):
-    return ()
-
-
-def test_a_saved_scenario_finds_its_plant_from_any_folder(tmp_path: Path, monkeypatch) -> None:
-    shutil.copy(EXAMPLES / "quadrotor_load.py", tmp_path)
-    shutil.copy(EXAMPLES / "quadrotor_load.xml", tmp_path)
-    (tmp_path / "own.toml").write_text('plant = "quadrotor_load.py:plant"\nduration = 1.0\n')
-    monkeypatch.chdir(tmp_path)
-    scenario = afl.load_scenario("own.toml")
-    (tmp_path / "out" / "deep").mkdir(parents=True)
-    afl.save_scenario(scenario, "out/deep/saved.toml")
-    assert 'plant = "../../quadrotor_load.py:plant"' in Path("out/deep/saved.toml").read_text()
-    monkeypatch.chdir(tmp_path / "out")
-    assert afl.load_scenario("deep/saved.toml").plant.name == scenario.plant.name
-
-
 @pytest.mark.parametrize(("target", "least", "most"), [(0.0, 1.0, 0.5), (-5.0, 0.5, -4.0)])
 def test_a_least_value_beyond_the_largest_about_the_target_is_refused(target, least, most) -> None:
     asked = afl.Requirements(target={"z": target}, min={"z": least}, max={"z": most - target})
@@ -319,15 +289,11 @@ def test_a_least_value_beyond_the_largest_about_the_target_is_refused(target, le
     ({"signals": {"left_command": len}}, "signal 'left_command' must not be the name of the comm"),
     ({"signals": {"command": len}}, "signal 'command' must not be the name of the command in tab"),
     ({"coordinates": ("time", "z", "pitch", "cable")}, "state 'time' must not be the name of the "),
+    ({"wraps": ("x",)}, "wraps must be hinges, which come round, got 'x'"),
 ])  # fmt: skip
 def test_a_name_that_stands_for_something_else_too_is_refused(changes, said) -> None:
     with pytest.raises(InvalidValueError, match=said):
-        replace(QUADROTOR, **changes)
-
-
-def test_what_no_slide_could_do_is_refused() -> None:
-    with pytest.raises(InvalidValueError, match="wraps must be hinges, which come round, got 'x'"):
-        PlantModel(replace(QUADROTOR, wraps=("x",)))
+        PlantModel(replace(QUADROTOR, **changes))
 
 
 @pytest.mark.parametrize("signal", [

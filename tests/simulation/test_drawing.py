@@ -27,10 +27,9 @@ def moving(time: np.ndarray, *rows) -> tuple[np.ndarray, np.ndarray]:
 
 
 def flight(duration: float = 3.0):
-    scenario = afl.Scenario(
-        name="reel", plant=known("quadrotor_load.py:plant"), duration=duration,
-        schedule={"length": LENGTHS}, requirements=afl.Requirements(max={"z": 0.4}),
-    )  # fmt: skip
+    what = {"schedule": {"length": LENGTHS}, "requirements": afl.Requirements(max={"z": 0.4})}
+    plant = known("quadrotor_load.py:plant")
+    scenario = afl.Scenario(name="reel", plant=plant, duration=duration, **what)
     time = np.linspace(0.0, duration, 500)
     fast = np.sin(5.0 * time)
     return scenario, {"lqr": moving(time, 0.1 * time, 0.2 * fast, 0.1 * fast, 0.3 * fast)}
@@ -71,10 +70,9 @@ def test_limits_of_positions_and_the_rail_are_lines_where_the_joint_reaches_them
     assert [(x["words"], x["at"], x["along"]) for x in found] == [
         ("limit", [0.0, -0.4], [-1.0, 0.0]), ("limit", [0.0, 0.4], [-1.0, 0.0]),
     ]  # fmt: skip
-    scenario = afl.Scenario(
-        name="rail", duration=1.0, imperfections=afl.Imperfections(end_stops={"z": 2.0}),
-        requirements=afl.Requirements(max={"z": 1.5, "phi": 0.5}),
-    )  # fmt: skip
+    asked, rail = afl.Requirements(max={"z": 1.5, "phi": 0.5}), {"end_stops": {"z": 2.0}}
+    what = {"requirements": asked, "imperfections": afl.Imperfections(**rail)}
+    scenario = afl.Scenario(name="rail", duration=1.0, **what)
     time = np.linspace(0.0, 1.0, 20)
     found = replay_data(scenario, {"lqr": moving(time, time, 0.1 * time)}, {})["lines"]
     assert [(x["words"], x["at"][0]) for x in found] == [

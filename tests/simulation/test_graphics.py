@@ -28,32 +28,29 @@ def installed(monkeypatch):
     return say
 
 
-def test_what_the_user_set_is_respected(installed, monkeypatch):
-    installed("EGL", "OSMesa")
-    monkeypatch.setenv("MUJOCO_GL", "glfw")
-    assert choose_backend() == "glfw" and os.environ["MUJOCO_GL"] == "glfw"
-    assert os.environ["PYOPENGL_PLATFORM"] == "glx"
-
-
 @pytest.mark.parametrize(("libraries", "backend"), [
     (("EGL", "GL", "OSMesa"), "egl"), ((), "disable"),
     (("EGL", "OSMesa"), "osmesa"),  # with EGL alone MuJoCo cannot be imported
+    (("EGL", "OSMesa"), "glfw"),  # as the user said
 ], ids=str)  # fmt: skip
-def test_the_first_backend_that_is_installed_is_chosen(libraries, backend, installed):
+def test_what_the_user_set_is_chosen_or_the_first_that_is_installed(
+    libraries, backend, installed, monkeypatch
+):
     installed(*libraries)
+    if backend == "glfw":
+        monkeypatch.setenv("MUJOCO_GL", "glfw")
     assert choose_backend() == backend and os.environ["MUJOCO_GL"] == backend
-    platform = "glx" if backend == "disable" else backend
+    platform = "glx" if backend in ("disable", "glfw") else backend
     assert os.environ["PYOPENGL_PLATFORM"] == platform  # MuJoCo refuses to draw with another
 
 
-def test_a_backend_that_is_not_known_is_one_line(tmp_path):
+def test_a_backend_that_is_not_known_is_one_line_and_so_is_drawing_switched_off(
+    tmp_path, monkeypatch, refuses
+):
     result = run("simulate", "nominal", "--no-page", cwd=tmp_path, MUJOCO_GL="glx")
     assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
     said = r"MUJOCO_GL must be one of egl, osmesa, glfw, disable, .*, got glx\n\Z"
     assert re.search(said, result.stderr)
-
-
-def test_films_with_drawing_switched_off_are_told_so(tmp_path, monkeypatch, refuses):
     monkeypatch.setenv("MUJOCO_GL", "off")
     said = refuses("render", "nominal", "--controllers", "lqr", "--out", "films")
     assert said.endswith("must not switch drawing off: unset it, or set egl or osmesa, got off")

@@ -18,31 +18,26 @@ from afl_mujoco.errors import InvalidValueError, UnknownNameError
 from afl_mujoco.scenario.catalogue import LABORATORY
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
+from afl_mujoco.simulation.gym_env import environment as module
 from afl_mujoco.simulation.gym_env import registration
-from afl_mujoco.simulation.gym_env.environment import (
-    CONTROL_PERIOD,
-    FORCE_LIMIT,
-    CartPoleEnv,
-    ScenarioEnv,
-    policy_controller,
-)
+from afl_mujoco.simulation.gym_env.environment import CartPoleEnv, ScenarioEnv, policy_controller
 from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 from afl_mujoco.simulation.task import controller_policy
 from tests.plants.plants import EXAMPLES, known
 
-ROOT = Path(__file__).parents[2]
-IDS = [
-    *(f"afl_mujoco/CartPole-{name}-v0" for name in afl.SCENARIOS),
-    *(f"afl_mujoco/CartPole-{name}-Random-v0" for name in afl.SCENARIOS),
-    "afl_mujoco/CartPole-Random-v0",
-]
-SI = {"scaled": False}
+CONTROL_PERIOD, FORCE_LIMIT = module.CONTROL_PERIOD, module.FORCE_LIMIT
+IDS = [f"afl_mujoco/CartPole-{x}{y}-v0" for x in afl.SCENARIOS for y in ("", "-Random")]
+IDS.append("afl_mujoco/CartPole-Random-v0")
+SI, VECTORISED = {"scaled": False}, {"vectorization_mode": "vector_entry_point"}
+PUSH = afl.ForcePulse(force=-10.0, start=1.5, duration=0.1)
+LIGHT = afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5)
+DIVERGES = {"scenario": replace(LIGHT, duration=1.0), "force_limit": 9e5, "control_period": 0.1}
 COUNT = "print(sum(name.startswith('afl_mujoco/') for name in gymnasium.registry))"
 
 
 def program(*lines: str) -> tuple[str, str]:
     command = [sys.executable, "-W", "error", "-c", "\n".join(lines)]
-    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    run = subprocess.run(command, cwd=EXAMPLES.parent, capture_output=True, text=True)
     return run.stdout, run.stderr
 
 
@@ -85,9 +80,6 @@ def test_importing_the_package_registers_whatever_is_imported_first() -> None:
     assert program(asked, "import gymnasium", COUNT) == ("20\n", "")
 
 
-PUSH = afl.ForcePulse(force=-10.0, start=1.5, duration=0.1)
-
-
 def test_an_episode_has_the_bits_of_the_dm_control_environment(rng) -> None:
     scenario = replace(afl.SCENARIOS["trapezoid-trapezoid"], disturbances=(PUSH,))
     environment = CartPoleEnv(scenario, control_period=0.01, **SI)
@@ -122,38 +114,22 @@ def test_a_fall_terminates_also_at_the_horizon_which_else_truncates() -> None:
     assert calm == [(False, False)] * 24 + [(False, True)]
 
 
-def test_an_action_beyond_1_is_that_of_1_and_one_that_is_no_number_is_refused() -> None:
-    environment = CartPoleEnv()
-    environment.reset()
-    assert environment.step([7.0])[4]["force"] == FORCE_LIMIT
-    for strange in (math.nan, math.inf):
-        with pytest.raises(InvalidValueError, match=r"^action must be finite, got \["):
-            environment.step([strange])
-
-
-LIGHT = afl.SCENARIOS["nominal"].with_schedule(cart_mass=1e-3, pole_mass=1e-5)
-DIVERGES = {
-    "scenario": replace(LIGHT, duration=1.0), "force_limit": 9e5, "control_period": 0.1,
-}  # fmt: skip
-
-
-def test_no_step_is_taken_before_a_reset_or_after_the_end() -> None:
+def test_no_step_is_taken_before_a_reset_after_the_end_or_by_what_is_no_number() -> None:
     environment = CartPoleEnv()
     for _ in range(2):
         with pytest.raises(gymnasium.error.ResetNeeded):
             environment.step([0.0])
         environment.reset()
+        assert environment.render() is None  # without a mode there is no picture
+        assert environment.step([7.0])[4]["force"] == FORCE_LIMIT  # as an action of 1
+        for strange in (math.nan, math.inf):
+            with pytest.raises(InvalidValueError, match=r"^action must be finite, got \["):
+                environment.step([strange])
         while not environment.step([0.0])[2]:
             pass
     environment.close()
     with pytest.raises(gymnasium.error.ClosedEnvironmentError, match=r"^a closed environment"):
         environment.reset()
-
-
-def test_without_a_render_mode_there_is_no_picture() -> None:
-    environment = CartPoleEnv()
-    environment.reset()
-    assert environment.render() is None
 
 
 @pytest.mark.parametrize(("settings", "options", "message"), [
@@ -197,29 +173,22 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     np.testing.assert_array_equal(seen[:2], twin.reset().observation["position"])
 
 
-HIT = afl.Impulse(momentum=0.2, time=0.0)
-VECTORS = {
-    "random": {"scenario": "laboratory", "randomize": True},
-    "short": {
-        "scenario": replace(
-            afl.SCENARIOS["trapezoid-step"], duration=0.3, disturbances=(HIT,),
-            imperfections=Imperfections(delay=0.0345, differentiated=True, end_stops={"z": 0.2}),
-        ),
-        "integrator": "Euler",
-    },
-    "diverges": DIVERGES,
-}  # fmt: skip
+SHORT = replace(
+    afl.SCENARIOS["trapezoid-step"], duration=0.3,
+    disturbances=(afl.Impulse(momentum=0.2, time=0.0),),
+    imperfections=Imperfections(delay=0.0345, differentiated=True, end_stops={"z": 0.2}),
+)  # fmt: skip
+VECTORS = {"random": {"scenario": "laboratory", "randomize": True}, "diverges": DIVERGES,
+           "short": {"scenario": SHORT, "integrator": "Euler"}}  # fmt: skip
 
 
 def same_step(one, other) -> None:
     """Compare what a reset or a step of two vector environments gives, types included."""
-    for mine, their in zip(one[:-1], other[:-1], strict=True):
-        np.testing.assert_array_equal(mine, their)
-        assert mine.dtype == their.dtype
-    assert one[-1].keys() == other[-1].keys()
-    for name, values in other[-1].items():
-        np.testing.assert_array_equal(one[-1][name], values)
-        assert one[-1][name].dtype == values.dtype
+    mine, their = ({**dict(enumerate(x[:-1])), **x[-1]} for x in (one, other))
+    assert mine.keys() == their.keys()
+    for name, values in their.items():
+        np.testing.assert_array_equal(mine[name], values)
+        assert mine[name].dtype == values.dtype
 
 
 def stepped(ours, theirs, count: int, actions) -> int:
@@ -246,9 +215,6 @@ def test_the_vector_environment_has_the_bits_of_gymnasium_s(settings, rng) -> No
     assert ours[0].observation_space == theirs.observation_space
     assert ours[0].action_space == theirs.action_space
     assert stepped(ours, theirs, 80, lambda: rng.uniform(-1.2, 1.2, (5, 1))) > 3
-
-
-VECTORISED = {"vectorization_mode": "vector_entry_point"}
 
 
 def test_the_vector_environment_is_what_gymnasium_makes_and_refuses_what_makes_no_sense() -> None:
@@ -334,9 +300,6 @@ def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, messag
     environment = wrap(gymnasium.wrappers, CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match=message):
         policy_controller(share_of, environment)
-
-
-def test_a_policy_with_memory_is_refused() -> None:
     policy = policy_controller(lambda seen: (np.zeros(1), (1.0,)), CartPoleEnv("nominal"))
     with pytest.raises(InvalidValueError, match="must not return a state: a recurrent policy"):
         policy(0.0, np.zeros(4), afl.CartPoleParameters())
@@ -346,16 +309,12 @@ def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:
     """Return a scenario of a plant whose episodes differ, with hardware that is not ideal."""
     rough = Imperfections(delay=0.0045, lag=0.002, noise=1e-3, dry_friction=1e-3, input_limit=30.0)
     asked = afl.Requirements(ends_at={known(name).coordinates[1]: 0.4})
-    return afl.Scenario(
-        name="drawn", plant=known(name), duration=1.0, imperfections=rough, requirements=asked,
-        ranges=varied,
-    )  # fmt: skip
+    what = {"imperfections": rough, "requirements": asked, "ranges": varied}
+    return afl.Scenario(name="drawn", plant=known(name), duration=1.0, **what)
 
 
-PLANTS = {
-    "quadrotor": drawn("quadrotor_load.py:plant", x=(-0.2, 0.2), load=(0.02, 0.5)),
-    "double pendulum": drawn("cart_double_pendulum.py:plant", payload=(0.02, 0.2)),
-}
+PLANTS = {"quadrotor": drawn("quadrotor_load.py:plant", x=(-0.2, 0.2), load=(0.02, 0.5)),
+          "pendulum": drawn("cart_double_pendulum.py:plant", payload=(0.02, 0.2))}  # fmt: skip
 
 
 @pytest.mark.parametrize("scenario", PLANTS.values(), ids=PLANTS)

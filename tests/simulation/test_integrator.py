@@ -18,6 +18,12 @@ from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
 from tests.feedback import feedback
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1
+REST = afl.Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
+PUSHES = (afl.ForcePulse(force=-10, start=1.5, duration=0.1), afl.Impulse(momentum=0.3, time=2.5))
+SCENARIO = replace(afl.SCENARIOS["step-trapezoid"], disturbances=PUSHES, duration=2.7)
+OWN = {name: replace(one, jump="momenta") for name, one in cart_pole.parameters.items()}
+OWN["half_length"] = replace(OWN["half_length"], rate="enters")
+STRETCHING = replace(cart_pole, name="own", parameters=OWN, accelerations=None, terms=terms)
 
 
 def _run(scenario, derivative=lambda s, mass, push: (s[2], s[3], push / mass, 0.0)):
@@ -33,9 +39,6 @@ def _run(scenario, derivative=lambda s, mass, push: (s[2], s[3], push / mass, 0.
     solver = scipy_solver(rate, criterion_of(scenario))
     states, outcome = integrate(scenario, solver, arrive, times)
     return times, states, outcome
-
-
-REST = afl.Scenario(name="rest", initial_state=(0, 0, 0, 0), duration=20.0)
 
 
 def test_a_pulse_is_not_missed_and_an_impulse_jumps_with_the_mass_after_the_jump():
@@ -63,21 +66,9 @@ def test_a_fall_a_divergence_and_no_value_at_the_start_end_the_run_when_they_hap
     assert outcome.kind == "diverged"
     assert outcome.time == pytest.approx(math.log(1e6) / 3.0, rel=1e-9)  # STATE_LIMIT
     assert len(states) == (times <= outcome.time).sum() and np.isfinite(states).all()
-    calls = iter(range(10_000))  # else the integrator would go on forever
-
-    def nothing(state, *_):
-        next(calls)
-        return (math.nan,) * 4
-
-    _, _, outcome = _run(REST, nothing)
+    calls = iter([(math.nan,) * 4] * 10_000)  # else the integrator would go on forever
+    _, _, outcome = _run(REST, lambda *_: next(calls))
     assert outcome.kind != "completed" and outcome.time == 0.0
-
-
-PUSHES = (afl.ForcePulse(force=-10, start=1.5, duration=0.1), afl.Impulse(momentum=0.3, time=2.5))
-SCENARIO = replace(afl.SCENARIOS["step-trapezoid"], disturbances=PUSHES, duration=2.7)
-OWN = {name: replace(one, jump="momenta") for name, one in cart_pole.parameters.items()}
-OWN["half_length"] = replace(OWN["half_length"], rate="enters")
-STRETCHING = replace(cart_pole, name="own", parameters=OWN, accelerations=None, terms=terms)
 
 
 def by_scipy(scenario, controller, period=1e-2, **tolerances):
@@ -107,9 +98,6 @@ def test_a_loop_that_ends_in_no_number_has_diverged_before(method):
     run = afl.simulate_ode(down, lambda t, x, b: 5e6 if t > 0.1 else 0.0, method=method)
     assert run.outcome.kind == "diverged" and 0.09 < run.outcome.time <= 0.11
     assert np.isfinite(run.state).all()
-
-
-def test_a_method_that_cannot_go_on_is_said_so_in_one_line():
     lean = afl.Scenario(name="lean", initial_state={"phi": 0.1}, duration=0.5)
     with pytest.raises(afl.AflMujocoError, match=r"^method must be DOP853, RK45 or LSODA where"):
         afl.simulate_ode(lean, lambda t, x, b: np.nan if x[1] > 0.2 else 0.0, method="Radau")
@@ -121,13 +109,11 @@ def test_steps_are_scipys_at_a_loose_tolerance_and_on_mujocos_dynamics():
     run = afl.simulate_ode(SCENARIO, controller, sample_period=1e-2, **tolerances)
     states, _ = by_scipy(SCENARIO, controller, **tolerances)
     assert np.abs(run.state - states).max() < 1e-9
-    controller = afl.CONTROLLERS["adaptive"]
     run = afl.simulate_mujoco(SCENARIO, controller, "exact", timestep=1e-2)
     model = afl.CartPoleModel(SCENARIO.parameters_at(0.0))
     loop = mujoco_dynamics.closed_loop(model, SCENARIO, controller)
-    solver = scipy_solver(loop, criterion_of(SCENARIO))
-    arrive = mujoco_dynamics.transition(model, SCENARIO)
-    states, _ = integrate(SCENARIO, solver, arrive, time_grid(SCENARIO, 1e-2))
+    solver, arrive = scipy_solver(loop, criterion_of(SCENARIO)), mujoco_dynamics.transition
+    states, _ = integrate(SCENARIO, solver, arrive(model, SCENARIO), time_grid(SCENARIO, 1e-2))
     assert np.abs(run.state - states).max() < 1e-11
 
 

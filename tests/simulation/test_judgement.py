@@ -13,7 +13,6 @@ from afl_mujoco.scenario.requirements import Requirements, asked_of
 from afl_mujoco.simulation.judgement import failure_of, judge, remarks_on, unit_remarks
 from tests.plants.plants import known
 
-ASKED = [name for name in asked_of(CART_POLE) if not name.startswith("min.")]
 PULSE = afl.ForcePulse(force=1.0, start=4.0, duration=1.0)
 ALL = Requirements(max={
     **{"z": 2.0, "phi": 0.5, "z_dot": 3.0, "phi_dot": 4.0},
@@ -21,6 +20,7 @@ ALL = Requirements(max={
 }, settling_time=3.0, recover_within=2.0, bands={"z": 0.1, "phi": 0.05})  # fmt: skip
 SCENARIO = afl.Scenario(name="judged", disturbances=(PULSE,), duration=10.0, requirements=ALL)
 RAIL = Imperfections(end_stops={"z": 2.5})
+NOISY = Imperfections(noise={"phi": 1e-3, "phi_dot": 1.0})
 
 
 def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, command=None, end=None):
@@ -45,26 +45,22 @@ def test_the_least_angle_is_measured_modulo_a_turn_about_its_target() -> None:
     for turns in (0, -1, 1):
         run = made(phi=lambda t, turns=turns: -0.3 + 0.0 * t + 2.0 * math.pi * turns)
         found = judged(run, min={"phi": -0.4}, ends_at={})["min.phi"]
-        assert (found.value, found.margin) == (pytest.approx(-0.3), pytest.approx(0.25))
+        assert (found.value, found.margin) == pytest.approx((-0.3, 0.25))
 
 
 def test_every_requirement_is_judged_in_its_unit() -> None:
-    run = made(
-        z=lambda t: -1.5 * (t < 2.0) + 1.0 * ((t >= 4.5) & (t < 6.5)),
-        phi=lambda t: 0.4 * (t < 2.5),
-        force=lambda t: -40.0 * (t < 0.02),
-    )
+    run = made(z=lambda t: -1.5 * (t < 2.0) + 1.0 * ((t >= 4.5) & (t < 6.5)),
+               phi=lambda t: 0.4 * (t < 2.5), force=lambda t: -40.0 * (t < 0.02))  # fmt: skip
     found = judged(run)
-    assert list(found) == ASKED
-    values = {name: (one.value, one.margin) for name, one in found.items()}
+    assert list(found) == [x for x in asked_of(CART_POLE) if not x.startswith("min.")]
     expected = {
         "completes": (10.0, 0.0), "max.z": (1.5, 0.25), "end_stops": (1.5, 0.4),
         "max.phi": (0.4, 0.2), "max.force_command": (40.0, 1 / 9), "max.force": (40.0, -1 / 3),
         "settling_time": (2.5, 1 / 6),
         "recover_within": (1.5, 0.25),  # from 5 s, the end of the pulse, to 6.5 s
     }  # fmt: skip
-    for name, (value, margin) in expected.items():
-        assert values[name] == (pytest.approx(value), pytest.approx(margin)), name
+    for name, values in expected.items():
+        assert (found[name].value, found[name].margin) == pytest.approx(values), name
     assert [name for name, one in found.items() if not one.met] == ["max.force"]
 
 
@@ -79,10 +75,9 @@ def test_each_requirement_fails_alone_and_without_rest_by_a_graded_measure() -> 
     for name, fault in faults.items():
         assert [k for k, one in judged(made(**fault)).items() if not one.met] == [name]
     found = judged(made(z=lambda t: 0.2 + 0.0 * t))
-    for name, graded in (("settling_time", -1.0 / 3.0), ("recover_within", -1.5)):
-        one = found[name]
-        assert (one.value, one.margin, one.met) == (None, None, False)
-        assert one.graded == pytest.approx(graded)
+    rests = [found[name] for name in ("settling_time", "recover_within")]
+    assert [(one.value, one.margin, one.met) for one in rests] == [(None, None, False)] * 2
+    assert [one.graded for one in rests] == pytest.approx([-1.0 / 3.0, -1.5])
 
 
 @pytest.mark.parametrize(("run", "asked", "failure"), [
@@ -139,11 +134,9 @@ def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force,
 
 @pytest.mark.parametrize(("limit", "said"), [(20.0, "asks for up to 2"), (1e3, None)])
 def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(limit, said) -> None:
-    scenario = afl.Scenario(
-        name="limited", initial_state=(0, 0.3, 0, 0), duration=3.0,
-        imperfections=Imperfections(input_limit=limit),
-        requirements=Requirements(max={"force": 40.0, "force_command": 25.0}),
-    )  # fmt: skip
+    asked = Requirements(max={"force": 40.0, "force_command": 25.0})
+    what = {"imperfections": Imperfections(input_limit=limit), "requirements": asked}
+    scenario = afl.Scenario(name="limited", initial_state=(0, 0.3, 0, 0), duration=3.0, **what)
     run = afl.simulate_mujoco(scenario, "lqr")
     found = [one for one in remarks_on(run, scenario, afl.find_controller("lqr")) if "drive" in one]
     by_name = {one.requirement: one for one in judge(scenario, run)}
@@ -154,17 +147,12 @@ def test_a_drive_that_cuts_the_command_off_is_remarked_on_and_said_in_the_row(li
 
 
 def test_a_controller_that_does_nothing_is_remarked_on() -> None:
-    for start, said in (
-        ((0.2, 0, 0, 0), "force is 0 throughout and nothing moves: the run tests no"),
-        ((0, 0.1, 0, 0), "force is 0 throughout"),
-    ):
+    still = "force is 0 throughout and nothing moves: the run tests no"
+    for start, said in (((0.2, 0, 0, 0), still), ((0, 0.1, 0, 0), "force is 0 throughout")):
         scenario = afl.Scenario(name="idle", initial_state=start, duration=0.1)
         run = afl.simulate_mujoco(scenario, lambda t, state, belief: 0.0, "sampled")
         (remark,) = remarks_on(run, scenario, afl.find_controller("fixed"))
         assert remark.startswith(said)
-
-
-NOISY = Imperfections(noise={"phi": 1e-3, "phi_dot": 1.0})
 
 
 @pytest.mark.parametrize(("changes", "said"), [
@@ -184,12 +172,11 @@ def test_what_is_odd_in_a_scenario_is_remarked_on_and_nothing_else(changes, said
     assert len(found) == bool(said) and all(one.startswith(said) for one in found)
 
 
-def test_the_unit_of_end_stops_is_that_of_the_coordinates_that_have_them() -> None:
-    def unit(**stops: float) -> str:
-        plant, rails = known("cart_double_pendulum.py:plant"), Imperfections(end_stops=stops)
-        return afl.Scenario(name="s", plant=plant, imperfections=rails).unit_of("end_stops")
-
-    assert unit(cart=1.0) == "m" and unit(lower=1.0) == "rad" and unit(cart=1.0, lower=1.0) == ""
+@pytest.mark.parametrize(("names", "unit"), [("cart", "m"), ("lower", "rad"), ("cart lower", "")])
+def test_the_unit_of_end_stops_is_that_of_the_coordinates_that_have_them(names, unit) -> None:
+    rails = Imperfections(end_stops=dict.fromkeys(names.split(), 1.0))
+    own = afl.Scenario(name="s", plant=known("cart_double_pendulum.py:plant"), imperfections=rails)
+    assert own.unit_of("end_stops") == unit
 
 
 def test_what_never_left_its_bands_has_recovered_at_once_wherever_the_disturbance_ends() -> None:

@@ -31,25 +31,17 @@ XML = """<mujoco><worldbody><body name="cart"><joint name="z" type="slide" axis=
 
 def write(p):
     """A strut whose own centre, inertia and what it carries move with the square of a length."""
-    return {
-        "body upper": afl.rod(mass=0.7, length=p.reach, center=(0.0, 0.0, p.reach**2)),
-        "body lower pos 2": 2.0 * p.reach**2,
-        "body lower ipos": (0.1, 0.0, p.tip**2),
-        "body lower inertia": (p.tip, 0.5 * p.tip**3, p.tip),
-    }
+    lower = {"pos 2": 2.0 * p.reach**2, "ipos": (0.1, 0.0, p.tip**2),
+             "inertia": (p.tip, 0.5 * p.tip**3, p.tip)}  # fmt: skip
+    return {"body upper": afl.rod(mass=0.7, length=p.reach, center=(0.0, 0.0, p.reach**2)),
+            **{f"body lower {name}": value for name, value in lower.items()}}  # fmt: skip
 
 
 STRUT = afl.Plant(
-    name="strut",
-    model=XML,
-    coordinates=("z", "phi", "psi"),
-    inputs=("force",),
-    write=write,
-    parameters={
-        "reach": afl.Parameter(0.4, "m", low=0.2, high=0.8, rate="enters"),
-        "tip": afl.Parameter(0.3, "m", low=0.2, high=0.8, rate="enters"),
-    },
-)
+    name="strut", model=XML, coordinates=("z", "phi", "psi"), inputs=("force",), write=write,
+    parameters={"reach": afl.Parameter(0.4, "m", low=0.2, high=0.8, rate="enters"),
+                "tip": afl.Parameter(0.3, "m", low=0.2, high=0.8, rate="enters")},
+)  # fmt: skip
 
 
 @cache
@@ -78,14 +70,10 @@ def lagrangian():
     hand = base + along(phi, 0, 2 * reach**2) + along(turn, sp.Rational(1, 20), sp.Rational(1, 10))
     energy += half / 5 * hand.diff(t).dot(hand.diff(t)) + half / 10 * turn.diff(t) ** 2
     whole = [energy.diff(x.diff(t)).diff(t) - energy.diff(x) for x in q]
-    numbers = sp.symbols("q0:3 v0:3 p0:2 r0:2 s0:2 a0:3")
-    q0, v0, p0, r0, s0, a0 = (numbers[i:j] for i, j in
-                              ((0, 3), (3, 6), (6, 8), (8, 10), (10, 12), (12, 15)))  # fmt: skip
-    names = [*zip([x.diff(t, 2) for x in q], a0, strict=True)]
-    names += zip([x.diff(t, 2) for x in p], s0, strict=True)
-    names += [*zip([x.diff(t) for x in q], v0, strict=True)]
-    names += [*zip([x.diff(t) for x in p], r0, strict=True)]
-    names += [*zip(q, q0, strict=True), *zip(p, p0, strict=True)]
+    symbols = [sp.symbols(x) for x in "a0:3 s0:2 v0:3 r0:2 q0:3 p0:2".split()]
+    a0, s0, v0, r0, q0, p0 = symbols
+    found = [x.diff(t, n) for n in (2, 1, 0) for x in (*q, *p)]
+    names = [*zip(found, [x for some in symbols for x in some], strict=True)]
     whole = sp.Matrix([x.doit().subs(names) for x in whole])
     force = whole.subs(dict.fromkeys([*s0, *a0], 0))
     force -= force.subs(dict.fromkeys(r0, 0))
@@ -112,10 +100,12 @@ def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tr
         np.testing.assert_allclose(-found, momenta, rtol=1e-10, atol=1e-10)
 
 
-LENGTH = replace(cart_pole.parameters["half_length"], rate="enters")
-STRETCHING = replace(
-    cart_pole, name="stretching", parameters={**cart_pole.parameters, "half_length": LENGTH}
-)
+def entering(name: str) -> afl.Plant:
+    """The cart-pole with a parameter whose rate enters."""
+    own = replace(cart_pole.parameters[name], rate="enters")
+    return replace(cart_pole, name="own", parameters={**cart_pole.parameters, name: own})
+
+
 COURSE = {
     "cart_mass": afl.piecewise_linear([0.3, 0.9], [2.0, 1.5]),
     "half_length": afl.piecewise_linear([0.3, 1.1, 1.5, 1.9], [0.4, 0.9, 0.9, 0.5]),
@@ -169,11 +159,9 @@ def by_d9() -> np.ndarray:
 
 
 def test_a_rod_that_stretches_moves_as_d9_says() -> None:
-    paper = afl.Scenario(name="s", duration=2.5, initial_state=START, schedule=COURSE)
-    expected = by_d9()
-    frozen = afl.simulate_ode(paper, hold).state
+    expected, own = by_d9(), scenario(entering("half_length"))
+    frozen = afl.simulate_ode(scenario(cart_pole), hold).state
     assert np.abs(expected - frozen).max() > 0.1
-    own = scenario(STRETCHING)
     np.testing.assert_allclose(afl.simulate_ode(own, hold).state, expected, atol=1e-10)
     for mode, away in (("exact", 1e-9), ("continuous", 1e-7)):
         run = afl.simulate_mujoco(own, hold, mode=mode)
@@ -181,11 +169,11 @@ def test_a_rod_that_stretches_moves_as_d9_says() -> None:
 
 
 def test_as_deployed_the_error_falls_with_the_square_of_the_step_kinks_included() -> None:
-    lengths = afl.piecewise_linear([0.1, 0.5, 0.6], [0.4, 0.6, 0.5])
-    own = afl.Scenario(
-        name="s", plant=STRUT, duration=1.0, schedule={"reach": lengths, "tip": lengths},
-        initial_state={"phi": 0.3, "psi": -0.2, "psi_dot": 1.0},
-    )  # fmt: skip
+    lengths = dict.fromkeys(
+        STRUT.parameters, afl.piecewise_linear([0.1, 0.5, 0.6], [0.4, 0.6, 0.5])
+    )
+    start = {"phi": 0.3, "psi": -0.2, "psi_dot": 1.0}
+    own = afl.Scenario(name="s", plant=STRUT, duration=1.0, schedule=lengths, initial_state=start)
     exact = afl.simulate_mujoco(own, off, mode="exact").state[-1]
     runs = [afl.simulate_mujoco(own, off, timestep=h) for h in (2e-3, 1e-3, 5e-4)]
     errors = [np.abs(run.state[-1] - exact).max() for run in runs]
@@ -194,7 +182,7 @@ def test_as_deployed_the_error_falls_with_the_square_of_the_step_kinks_included(
 
 
 def test_environments_step_as_the_run_does_and_a_mass_has_no_rate() -> None:
-    own = scenario(STRETCHING)
+    own = scenario(entering("half_length"))
     run = afl.simulate_mujoco(own, hold, control_period=0.01)
     env = afl.load(own, control_period=0.01)
     step = env.reset()
@@ -202,11 +190,8 @@ def test_environments_step_as_the_run_does_and_a_mass_has_no_rate() -> None:
         np.testing.assert_array_equal(env.physics.world.state, run.state[10 * k])
         step = env.step(np.array([hold(0.0, run.state[10 * k], None)]))
     assert step.reward is not None
-    heavy = replace(cart_pole.parameters["cart_mass"], rate="enters")
-    plant = replace(cart_pole, parameters={**cart_pole.parameters, "cart_mass": heavy})
-    own = afl.Scenario(name="s", plant=plant, duration=1.0)
     with pytest.raises(InvalidValueError, match="body cart mass must not change with a parameter"):
-        afl.simulate_mujoco(own, hold)
+        afl.simulate_mujoco(scenario(entering("cart_mass")), hold)
 
 
 CRANE = afl.Plant(
@@ -218,10 +203,8 @@ CRANE = afl.Plant(
         <actuator><motor name="drive" joint="x"/></actuator></mujoco>""",
     coordinates=("x", "swing"), inputs=("drive",),
     write=lambda p: {"body load ipos 2": -p.length, "body load mass": p.load},
-    parameters={
-        "load": afl.Parameter(3.0, "kg", low=0.0, high=2e3, jump="momenta"),
-        "length": afl.Parameter(2.0, "m", low=0.1, high=5.0, rate="enters"),
-    },
+    parameters={"load": afl.Parameter(3.0, "kg", low=0.0, high=2e3, jump="momenta"),
+                "length": afl.Parameter(2.0, "m", low=0.1, high=5.0, rate="enters")},
     terms=lambda q, v, p: (
         ((20.0 + p.load, p.load * p.length * np.cos(q[1])),
          (p.load * p.length * np.cos(q[1]), p.load * p.length**2 + 1e-6)),
@@ -232,11 +215,9 @@ CRANE = afl.Plant(
 
 
 def crane(load) -> afl.Scenario:
-    hoist = afl.piecewise_linear([0.2, 0.8, 1.0], [2.0, 1.4, 1.5])
-    return afl.Scenario(
-        name="hoist", plant=CRANE, duration=1.2, schedule={"load": load, "length": hoist},
-        initial_state={"swing": 0.5, "swing_dot": 0.4},
-    )  # fmt: skip
+    hoist = {"load": load, "length": afl.piecewise_linear([0.2, 0.8, 1.0], [2.0, 1.4, 1.5])}
+    what = {"schedule": hoist, "initial_state": {"swing": 0.5, "swing_dot": 0.4}}
+    return afl.Scenario(name="hoist", plant=CRANE, duration=1.2, **what)
 
 
 @pytest.mark.parametrize("at", [0.5, 0.8])
@@ -290,16 +271,13 @@ def test_two_parameters_that_move_a_load_together_keep_its_angular_momentum(gear
     xml = """<mujoco><worldbody><body name="arm"><joint name="arm" axis="0 0 1"/>
       <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><body name="load" pos="0.2 0 0">
       <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></body></worldbody></mujoco>"""
-    plant = afl.Plant(
-        name="reel", model=xml, coordinates=("arm",),
-        parameters={name: afl.Parameter(1.0, rate="enters") for name in ("turn", "gear")},
-        write=lambda p: {"body load pos 0": 0.2 * p.turn * p.gear},
-    )  # fmt: skip
-    ramps = {"turn": 2.0, "gear": gear}
-    scenario = afl.Scenario(
-        name="reel", plant=plant, duration=1.0, initial_state={"arm_dot": 1.0},
-        schedule={x: afl.piecewise_linear([0.0, 1.0], [1.0, y]) for x, y in ramps.items()},
-    )  # fmt: skip
+    ends = {"turn": 2.0, "gear": gear}
+    what = {"write": lambda p: {"body load pos 0": 0.2 * p.turn * p.gear},
+            "parameters": dict.fromkeys(ends, afl.Parameter(1.0, rate="enters"))}  # fmt: skip
+    plant = afl.Plant(name="reel", model=xml, coordinates=("arm",), **what)
+    ramps = {x: afl.piecewise_linear([0.0, 1.0], [1.0, end]) for x, end in ends.items()}
+    what = {"schedule": ramps, "initial_state": {"arm_dot": 1.0}}
+    scenario = afl.Scenario(name="reel", plant=plant, duration=1.0, **what)
     expected = (1.1 + 0.2**2) / (1.1 + (0.2 * 2.0 * gear) ** 2)
     for mode, away in (("exact", 1e-9), ("continuous", 1e-9), ("sampled", 1e-5)):
         run = afl.simulate_mujoco(scenario, lambda *_: (), mode=mode)

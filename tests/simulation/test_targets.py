@@ -28,12 +28,19 @@ NEAR = afl.Scenario(
 )  # fmt: skip
 
 
-def worlds(**settings):
-    yield gymnasium.make("afl_mujoco/Scenario-v0", control_period=0.01, **settings)
-    yield gymnasium.make_vec(
-        "afl_mujoco/Scenario-v0", 1, vectorization_mode="vector_entry_point", control_period=0.01,
-        **settings,
-    )  # fmt: skip
+LEAN = afl.Scenario(name="lean", duration=1.0, initial_state={"phi": 0.1})
+THERE = replace(LEAN, initial_state={"z": 1.0, "phi": 0.1},
+                requirements=afl.Requirements(target={"z": 1.0}))  # fmt: skip
+ARM = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
+  <geom pos=".2 0 0" size=".05" mass="1"/></body></worldbody>
+  <actuator><motor name="big" joint="turn" ctrlrange="{0} {1}"/>
+  <motor name="small" joint="turn" {2}range="-.5 .5"/></actuator></mujoco>"""
+
+
+def worlds(scenario):
+    settings, name = {"control_period": 0.01, "scenario": scenario}, "afl_mujoco/Scenario-v0"
+    yield gymnasium.make(name, **settings)
+    yield gymnasium.make_vec(name, 1, vectorization_mode="vector_entry_point", **settings)
 
 
 @pytest.mark.parametrize("angle", [-3.0, 3.2])
@@ -46,7 +53,7 @@ def test_environments_end_an_episode_when_the_run_ends(angle: float) -> None:
     while not world.step([0.0]).last():
         ticks += 1
     ends.append(ticks)
-    for world in worlds(scenario=scenario):
+    for world in worlds(scenario):
         world.reset()
         shape, ticks, ended = world.action_space.shape, 0, False
         while not ended:
@@ -62,7 +69,7 @@ def test_a_fall_inside_a_control_period_ends_an_episode_as_it_ends_a_run() -> No
              for m, t in ((20.0, 0.102), (-40.0, 0.104), (20.0, 0.106))]  # fmt: skip
     scenario = replace(NEAR, initial_state={"angle": 3.14}, disturbances=tuple(kicks))
     assert afl.simulate_mujoco(scenario, lambda *_: 0.0).outcome.time < 0.11
-    for world in worlds(scenario=scenario):
+    for world in worlds(scenario):
         world.reset()
         shape = world.action_space.shape
         ended = [bool(world.step(np.zeros(shape))[2]) for _ in range(11)]
@@ -78,9 +85,8 @@ def test_starts_are_measured_from_the_target_the_shorter_way() -> None:
 
 
 def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> None:
-    asked = afl.Requirements(
-        target={"z": 0.5, "load_height": -0.25}, max={"z": 1.0, "load_height": 1.0}, min={"x": -1.0}
-    )
+    most = {"z": 1.0, "load_height": 1.0}
+    asked = afl.Requirements(target={"z": 0.5, "load_height": -0.25}, max=most, min={"x": -1.0})
     plant = known("quadrotor_load.py:plant")
     scenario = afl.Scenario(name="lift", plant=plant, duration=0.5, requirements=asked)
     result = afl.compare(scenario, ["lqr"])
@@ -108,12 +114,6 @@ def test_every_simulator_of_equations_takes_a_controller_by_its_name(simulate) -
         simulate(lean, "adaptive")
 
 
-LEAN = afl.Scenario(name="lean", duration=1.0, initial_state={"phi": 0.1})
-THERE = replace(
-    LEAN, initial_state={"z": 1.0, "phi": 0.1}, requirements=afl.Requirements(target={"z": 1.0})
-)
-
-
 @pytest.mark.parametrize("name", ["lqr", "adaptive", "partial-linearization", "adaptive-estimated"])
 def test_the_controllers_of_the_cart_pole_bring_it_to_its_target(name: str) -> None:
     modes = ("sampled",) if name.endswith("estimated") else ("sampled", "exact", "continuous")
@@ -137,12 +137,6 @@ def test_a_target_that_a_controller_cannot_have_is_refused() -> None:
     afl.simulate_mujoco(tilted, lambda *_: 0.0)  # one of one's own knows where it goes
 
 
-ARM = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
-  <geom pos=".2 0 0" size=".05" mass="1"/></body></worldbody>
-  <actuator><motor name="big" joint="turn" ctrlrange="{0} {1}"/>
-  <motor name="small" joint="turn" {2}range="-.5 .5"/></actuator></mujoco>"""
-
-
 @pytest.mark.parametrize(("big", "expected"), [
     ((-9.0, 9.0), (0.2 * 9.81 - 0.25, 0.25)),  # of half of each 0.98 N m: beyond the small one
     ((-1.5, 1.5), (0.2 * 9.81 - 0.5, 0.5)),
@@ -151,10 +145,8 @@ ARM = """<mujoco><worldbody><body><joint name="turn" axis="0 1 0"/>
 @pytest.mark.parametrize("kind", ["ctrl", "force"])
 def test_inputs_that_share_a_load_share_it_as_they_can(kind, big, expected) -> None:
     """Limits below 1 cut off nothing of what an input does per unit."""
-    plant = afl.Plant(
-        name="arm", coordinates=("turn",), inputs=("big", "small"), upright=(0.0,),
-        model=ARM.format(*big, kind),
-    )  # fmt: skip
+    names = {"coordinates": ("turn",), "inputs": ("big", "small"), "upright": (0.0,)}
+    plant = afl.Plant(name="arm", model=ARM.format(*big, kind), **names)
     scenario = afl.Scenario(name="arm", plant=plant, duration=0.2)
     with pytest.raises(InvalidValueError, match=r"say its input \(big, small\) or its coordinate"):
         replace(scenario, disturbances=(afl.Impulse(momentum=1.0, time=0.1),))

@@ -18,7 +18,6 @@ from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests.engine import episode
 
 CALM = replace(afl.SCENARIOS["nominal"], duration=1.0)
-
 TIMESTEP = 1e-3
 
 
@@ -30,9 +29,8 @@ CASES = {
     "jumps": _short("step-step", 1.2), "ramps": _short("trapezoid-trapezoid", 2.2),
     "pulse and impulses": _short("step-step", 1.4, disturbances=(
         afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
-        afl.Impulse(momentum=0.4, time=0.0),
-        afl.Impulse(momentum=-1.0, time=1.0),  # together with a jump of M and l
-        afl.Impulse(momentum=0.3, time=1.2345),  # between two instants
+        # at the start, together with a jump of M and l, between two instants
+        *(afl.Impulse(momentum=m, time=t) for m, t in ((0.4, 0.0), (-1.0, 1.0), (0.3, 1.2345))),
     )),
     "off-grid breakpoints": _short("nominal", 1.2).with_schedule(
         cart_mass=afl.staircase((0.3337,), (1.0, 2.0)),
@@ -148,14 +146,10 @@ def test_a_pole_that_falls_past_the_duration_has_not_fallen(duration):
     assert step.discount == 1.0
 
 
-LATE = {
-    "a pulse": (afl.ForcePulse(force=100.0, start=0.1, duration=0.005),),
-    "an impulse": (afl.Impulse(momentum=0.3, time=0.103),),
-    "after the end": (),
-}
-
-
-@pytest.mark.parametrize("disturbances", LATE.values(), ids=LATE)
+@pytest.mark.parametrize("disturbances", [
+    (afl.ForcePulse(force=100.0, start=0.1, duration=0.005),),
+    (afl.Impulse(momentum=0.3, time=0.103),), (),
+], ids=["a pulse", "an impulse", "after the end"])  # fmt: skip
 def test_the_last_step_is_as_short_as_that_of_the_run(disturbances) -> None:
     knots = ([0.0, 0.1, 0.107, 0.107], [1.0, 1.2, 1.4, 30.0])
     scenario = replace(
@@ -164,9 +158,7 @@ def test_the_last_step_is_as_short_as_that_of_the_run(disturbances) -> None:
     )  # fmt: skip
     run = afl.simulate_mujoco(scenario, lambda *_: 2.0, timestep=0.01, control_period=0.02)
     environment = afl.load(scenario, timestep=0.01, control_period=0.02)
-    step = environment.reset()
-    while not step.last():
-        step = environment.step([2.0])
+    step, _ = played(environment, 2.0)
     world = environment.physics.world
     np.testing.assert_array_equal(world.state, run.state[-1])
     assert world.time(environment.physics.instant) == 0.105
@@ -183,31 +175,22 @@ def test_actions_are_clipped_to_the_spec_and_the_papers_runs_stay_inside_it():
     spec = afl.load().action_spec()
     assert np.abs(afl.simulate_mujoco("nominal", "adaptive").force).max() < 0.1 * spec.maximum
     assert (spec.shape, spec.dtype) == ((1,), np.float64)
+    for action in ([math.nan], [1.0, 2.0]):
+        with pytest.raises(InvalidValueError, match=r"^action must"):
+            environment.step(action)
 
 
-@pytest.mark.parametrize("action", [[math.nan], [1.0, 2.0]], ids=str)
-def test_an_action_that_is_no_force_is_refused(action):
-    environment = afl.load()
-    environment.reset()
-    with pytest.raises(InvalidValueError, match=r"^action must"):
-        environment.step(action)
-
-
-def test_a_pole_that_comes_round_is_upright() -> None:
+def test_the_reward_is_within_0_and_1_and_best_at_rest_upright_where_a_pole_comes_round():
     free = replace(CALM, requirements=afl.Requirements(ends_at={}, target={"z": 1.0}))
     states = np.array([[1.0, 0.01 + turn, 0.0, 0.0] for turn in (0.0, 2 * np.pi, -2 * np.pi)])
     found = Reward(free).of(states, np.zeros((3, 1)))
     np.testing.assert_allclose(found, reward(0.0, 0.01, 0.0), rtol=1e-12)
-
-
-def test_the_reward_is_within_0_and_1_and_best_at_rest_upright():
     axes = (np.linspace(-most, most, 41) for most in (10, 2, 1e3))
     values = reward(*np.meshgrid(*axes))
     assert values.min() > 0.0 and values.max() == reward(0.0, 0.0, 0.0) == 1.0
     assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
-    assert reward(0.0, math.pi / 3, 0.0) == pytest.approx(0.1)
-    assert reward(2.0, 0.0, 0.0) == pytest.approx(0.55)
-    assert reward(0.0, 0.0, 100.0) == pytest.approx(0.82)
+    found = [reward(*x) for x in ((0.0, math.pi / 3, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 100.0))]
+    assert found == pytest.approx([0.1, 0.55, 0.82])
 
 
 @pytest.mark.parametrize(("settings", "message"), [
@@ -240,16 +223,14 @@ def run_without(package, *lines):
     return done.stdout.splitlines()
 
 
-SAYS = "except afl_mujoco.AflMujocoError as error: print(error)"
-
-
 @pytest.mark.slow
 def test_without_dm_control_or_gymnasium_one_line_says_what_installs_it() -> None:
-    said = run_without("dm_control", "try: afl_mujoco.load", SAYS, "print(afl_mujoco.compare)")
+    says = "except afl_mujoco.AflMujocoError as error: print(error)"
+    said = run_without("dm_control", "try: afl_mujoco.load", says, "print(afl_mujoco.compare)")
     assert "dm_control" in said[0] and "pip install --no-deps 'dm-control>=1.0.50,<1.1'" in said[0]
     assert len(said) == 2
     package = "afl_mujoco.simulation.gym_env"
-    lines = ("try: register()", SAYS, f"try: import {package}.environment", SAYS)
+    lines = ("try: register()", says, f"try: import {package}.environment", says)
     said = run_without("gymnasium", f"from {package}.registration import register", *lines)
     assert said == ["Gymnasium is not installed: pip install gymnasium"] * 2
 

@@ -7,24 +7,20 @@ from tests.engine import episode
 from tests.plants.plants import known
 
 PLANTS = {
-    "quadrotor_load.py:plant": {"start": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
+    "quadrotor_load.py:plant": {"initial_state": {"x": 0.2, "pitch": 0.1, "cable": 0.1},
         "schedule": {"load": afl.staircase((0.5,), (0.02, 0.3)), "length": 0.6},
-        "push": afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left")},
-    "cart_double_pendulum.py:plant": {"start": {"lower": 0.02},
+        "disturbances": (afl.ForcePulse(force=0.5, start=0.2, duration=0.1, input="left"),)},
+    "cart_double_pendulum.py:plant": {"initial_state": {"lower": 0.02},
         "schedule": {"payload": afl.staircase((0.5,), (0.05, 0.1))},
-        "push": afl.Impulse(momentum=0.01, time=0.3333)},
+        "disturbances": (afl.Impulse(momentum=0.01, time=0.3333),)},
 }  # fmt: skip
 
 
-def scenario_of(name: str, **changes: object) -> afl.Scenario:
-    given = PLANTS[name]
-    return afl.Scenario(**{
-        "name": "short", "plant": known(name), "schedule": given["schedule"], "duration": 1.0,
-        "disturbances": (given["push"],), "initial_state": given["start"], **changes,
-    })  # fmt: skip
-
-
 ROUGH = afl.Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
+
+
+def scenario_of(name: str, **changes: object) -> afl.Scenario:
+    return afl.Scenario(name="short", plant=known(name), duration=1.0, **PLANTS[name], **changes)
 
 
 @pytest.mark.parametrize("name", PLANTS)

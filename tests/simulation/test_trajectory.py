@@ -49,26 +49,20 @@ def test_a_run_comes_back_from_its_file_bit_for_bit_with_its_provenance(saved):
     assert back.outcome == run.outcome and back.provenance == run.provenance
     assert back.simulator == "ode RK4"
     provenance = run.provenance
-    assert provenance["scenario"]["name"] == "smooth"
-    assert provenance["controller"]["name"] == "adaptive"
-    assert provenance["settings"] == {"timestep": 0.01}
+    names = [provenance[x]["name"] for x in ("scenario", "controller")]
+    assert (names, provenance["settings"]) == (["smooth", "adaptive"], {"timestep": 0.01})
     assert set(provenance["versions"]) >= {"afl_mujoco", "mujoco", "numpy", "scipy"}
-
-
-def test_a_run_is_not_written_over_a_folder(saved):
     with pytest.raises(FileError, match=line(". must be a file to write, not a folder")):
-        saved[0].save("")
+        run.save("")
 
 
 OBJECTS = {name: np.array([object()]) for name in ARRAYS}
-SPOILED = {
-    "garbage": lambda p: p.write_bytes(bytes(range(256))),
-    "pickled array": lambda p: np.savez(p, **OBJECTS, meta=np.array("{}")),
-    "other npz": lambda p: np.savez(p, time=np.zeros(3)),
-}
 
 
-@pytest.mark.parametrize("spoil", SPOILED.values(), ids=SPOILED)
+@pytest.mark.parametrize("spoil", [
+    lambda p: p.write_bytes(bytes(range(256))), lambda p: np.savez(p, time=np.zeros(3)),
+    lambda p: np.savez(p, **OBJECTS, meta=np.array("{}")),
+], ids=["garbage", "other npz", "pickled array"])  # fmt: skip
 def test_a_file_that_holds_no_trajectory_is_said_so(spoil, saved):
     _, path = saved
     spoil(path)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco import CartPoleModel, simulate_mujoco, simulate_ode
+from afl_mujoco import simulate_mujoco
 from afl_mujoco.control import estimator
 from afl_mujoco.control.controller import compiled_force
 from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
@@ -27,11 +27,8 @@ def estimating(adaptive):
 
 
 def by_hand(scenario, controller):
-    """The same loop in Python: measure, estimate with the force, command, advance.
-
-    Returns states and forces, and the last estimates.
-    """
-    model = CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
+    """States, forces and last estimates of the loop in Python: measure, estimate, command, move."""
+    model = afl.CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
     timing = timing_of(scenario, model, Deployed(timestep=1e-3))
     run = prepare(model, scenario, controller, timing)
     pending, rows = no_commands(run.actuators), np.empty((run.plan.steps + 1, 6))
@@ -62,9 +59,8 @@ def by_hand(scenario, controller):
 
 
 @pytest.mark.parametrize("sensed", [False, True], ids=["commanded", "sensed"])
-def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, adaptive, sensed):
-    settings = replace(SETTINGS, force_sensed=sensed)
-    estimating = EstimatedController(name="estimating", controller=adaptive, settings=settings)
+def test_the_compiled_loop_is_the_one_written_by_hand(odd_scenario, estimating, sensed):
+    estimating = replace(estimating, settings=replace(SETTINGS, force_sensed=sensed))
     scenario = replace(odd_scenario, imperfections=REAL)
     run = simulate_mujoco(scenario, estimating, "sampled")
     states, forces, (mass, length) = by_hand(scenario, estimating)
@@ -93,8 +89,6 @@ def test_assumed_parameters_do_not_reach_it_and_it_runs_nowhere_else(odd_scenari
     wrong = replace(odd_scenario, imperfections=late, belief=errors)
     one, two = (simulate_mujoco(s, estimating, "sampled") for s in (odd_scenario, wrong))
     assert one.state.tobytes() == two.state.tobytes()
-    rule = r'^controller .estimating. .*only mode "sampled"'
-    with pytest.raises(InvalidValueError, match=rule):
-        simulate_ode(odd_scenario, estimating)
-    with pytest.raises(InvalidValueError, match=rule):
-        simulate_mujoco(odd_scenario, estimating, "exact")
+    for simulate in (afl.simulate_ode, lambda *of: simulate_mujoco(*of, "exact")):
+        with pytest.raises(InvalidValueError, match=r'^controller .estimating. .*only mode "sampl'):
+            simulate(odd_scenario, estimating)

@@ -11,6 +11,7 @@ from afl_mujoco.simulation.sampled import hardware
 
 H = 1e-3
 T = 4e-3  # control period
+ENDS = H * np.arange(1, 101)
 
 
 @pytest.fixture
@@ -33,8 +34,9 @@ def measured(model, imperfections, states, period=T):
 
 def driven(imperfections, commands):
     """The mean force in each step under one command a step, shape (N,), and the drive's sums."""
-    actuators, drive = drive_of(imperfections, len(commands)), hardware.new_run().drive[0]
-    pending, found = hardware.no_commands(actuators), []
+    scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
+    actuators = hardware.actuators_of(scenario, H, len(commands))
+    drive, pending, found = hardware.new_run().drive[0], hardware.no_commands(actuators), []
     for k, command in enumerate(commands):
         command = hardware.within_reach(actuators[0], command)
         found.append(hardware.actuate(actuators[0], drive, pending, 0, command, k, 1.0))
@@ -43,12 +45,6 @@ def driven(imperfections, commands):
 
 def forces(imperfections, commands):
     return driven(imperfections, commands)[0]
-
-
-def drive_of(imperfections, steps):
-    """The drive of a cart-pole without limits in its MJCF."""
-    scenario = afl.Scenario(name="own", duration=1e3, imperfections=imperfections)
-    return hardware.actuators_of(scenario, H, steps)
 
 
 @pytest.fixture
@@ -96,13 +92,8 @@ def test_the_velocity_filter_is_of_first_order(model, differentiated):
     assert (seen[:, :2] == positions).all()
 
 
-# Actuator: the momentum that it has delivered at the end of each step is that of the closed form.
-
-
-ENDS = H * np.arange(1, 101)
-
-
 def delivered(**imperfections):
+    """The momentum that an actuator has delivered at the end of each step."""
     return H * np.cumsum(forces(Imperfections(**imperfections), np.full(100, 7.0)))
 
 
@@ -111,7 +102,7 @@ def test_an_actuator_exerts_the_command_and_a_limit_cuts_off_both_signs():
     assert (forces(Imperfections(), commands) == commands).all()
     commands, limited = [3.0, -70.0, math.inf, -math.inf, 12.5], Imperfections(input_limit=12.5)
     assert forces(limited, commands).tolist() == [3.0, -12.5, 12.5, -12.5, 12.5]
-    assert math.isnan(hardware.within_reach(drive_of(limited, 9)[0], math.nan))
+    assert np.isnan(forces(limited, [math.nan])).all()
 
 
 @pytest.mark.parametrize("delay", [0.0005, 0.003, 0.0034, 0.1 + 0.2 - 0.29], ids=str)
@@ -154,11 +145,7 @@ def fine_chain(real, commands, fine):
     found = np.empty(len(held))
     for i, wanted in enumerate(late):
         demand += min(max(wanted - demand, -slew), slew)
-        if real.lag > 0.0:
-            force += (demand - force) * -math.expm1(-H / fine / real.lag)
-        else:
-            force = demand
-        found[i] = force
+        found[i] = force = force + (demand - force) * -math.expm1(-H / fine / real.lag)
     return found
 
 

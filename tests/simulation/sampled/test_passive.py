@@ -26,8 +26,6 @@ PASSIVE = {
     "stops": Imperfections(end_stops={"z": 1.9}), "everything": FULL,
 }  # fmt: skip
 
-INTEGRATORS = pytest.mark.parametrize("integrator", ["RK4", "Euler"])
-
 
 def motion(plant, imperfections, state, duration, integrator, force=0.0):
     """The states after each millisecond under a constant force, shape (N, 4)."""
@@ -52,32 +50,17 @@ def _by_hand(p, r):
     )
     rail = r.at("end_stops.z")
     stops = f'range="{-rail!r} {rail!r}" solreflimit=".005 1"'
-    return f"""
-    <mujoco>
-      <compiler angle="radian" inertiafromgeom="false" autolimits="true"/>
-      <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/>
-      <worldbody>
-        <body name="cart">
-          <joint name="z" type="slide" axis="1 0 0" damping="{r.at("damping.z")!r}"
-                 armature="{r.at("armature.z")!r}" {friction} {stops}/>
+    return f"""<mujoco><compiler angle="radian" inertiafromgeom="false" autolimits="true"/>
+      <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/><worldbody>
+        <body name="cart"><joint name="z" type="slide" axis="1 0 0" damping="{r.at("damping.z")!r}"
+                                 armature="{r.at("armature.z")!r}" {friction} {stops}/>
           <inertial pos="0 0 0" mass="{p.cart_mass!r}" diaginertia="1 1 1"/>
           <body name="pole">
             <joint name="phi" type="hinge" axis="0 -1 0" damping="{r.at("damping.phi")!r}"
                    armature="{r.at("armature.phi")!r}" {hinge_friction}/>
             <inertial pos="0 0 {com!r}" mass="{m!r}"
-                      diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/>
-          </body>
-        </body>
-      </worldbody>
-      <actuator><motor joint="z"/></actuator>
-    </mujoco>"""
-
-
-FIELDS_OF_JOINTS = [
-    *("dof_damping", "dof_armature", "dof_frictionloss", "dof_solref", "dof_solimp", "dof_M0"),
-    *("jnt_limited", "jnt_range", "jnt_solref", "jnt_solimp", "jnt_margin"),
-    *("dof_invweight0", "body_mass", "body_subtreemass", "body_ipos"),
-]
+                      diaginertia="{about_com!r} {about_com!r} {0.01 * about_com!r}"/></body></body>
+      </worldbody><actuator><motor joint="z"/></actuator></mujoco>"""
 
 
 def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters, rng):
@@ -85,7 +68,10 @@ def test_the_hardware_model_is_what_the_compiler_makes_of_an_mjcf(odd_parameters
     model.set_imperfections(FULL)
     model.set_parameters(odd_parameters)
     by_hand = mujoco.MjModel.from_xml_string(_by_hand(odd_parameters, FULL))
-    for name in FIELDS_OF_JOINTS:
+    dof = "damping armature frictionloss solref solimp M0 invweight0"
+    fields = {"dof": dof, "jnt": "limited range solref solimp margin",
+              "body": "mass subtreemass ipos"}  # fmt: skip
+    for name in [f"{kind}_{x}" for kind, names in fields.items() for x in names.split()]:
         mine, theirs = getattr(model.mj_model, name), getattr(by_hand, name)
         np.testing.assert_allclose(mine, theirs, rtol=1e-12, err_msg=name)
     mine, theirs = model.mj_data, mujoco.MjData(by_hand)
@@ -112,7 +98,7 @@ def test_what_a_model_was_before_leaves_no_trace(before, after, odd_parameters):
             assert getattr(used.mj_model, name).tobytes() == array.tobytes(), name
 
 
-@INTEGRATORS
+@pytest.mark.parametrize("integrator", ["RK4", "Euler"])
 def test_dry_friction_holds_below_break_away_and_an_end_stop_holds_the_cart(integrator):
     real, still = Imperfections(dry_friction={"z": 2.2}), (0, HANGING, 0, 0)
     assert abs(motion(LIGHT, real, still, 1.0, integrator, force=2.0)[-1, 2]) < 4e-5  # creep
@@ -142,10 +128,8 @@ def test_an_impulse_outruns_friction_and_feels_armature(odd_parameters):
     real = Imperfections(dry_friction={"z": 5.0}, armature={"phi": 0.01, "z": 0.4})
     phi, impulse = 0.3, 0.21
     coupling = -p.pole_mass * p.half_length * np.cos(phi)
-    mass_matrix = [
-        [p.cart_mass + p.pole_mass + 0.4, coupling],
-        [coupling, 4 / 3 * p.pole_mass * p.half_length**2 + 0.01],
-    ]
+    turning = 4 / 3 * p.pole_mass * p.half_length**2 + 0.01
+    mass_matrix = [[p.cart_mass + p.pole_mass + 0.4, coupling], [coupling, turning]]
     model = CartPoleModel(p, imperfections=real)
     jump = jump_of(model, (0.1, phi, 0.0, 0.0), impulse)  # at rest, where friction holds
     np.testing.assert_allclose(jump, np.linalg.solve(mass_matrix, [impulse, 0.0]), rtol=1e-10)

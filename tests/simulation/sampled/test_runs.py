@@ -50,9 +50,8 @@ def plain_loop(scenario, controller, hold, integrator):
         rows[k] = *state, force
         if k < count:
             hits = [d for d in scenario.disturbances if not isinstance(d, afl.ForcePulse)]
-            hit = next((one for one in hits if int(1e3 * one.time) == k), None)  # never at start
             d.ctrl[0], d.qfrc_applied[0] = force, mean_push(scenario, k)
-            if hit is not None:
+            for hit in (one for one in hits if int(1e3 * one.time) == k):  # never at the start
                 m.opt.timestep = hit.time - start
                 mujoco.mj_step(m, d)
                 model.set_parameters(scenario.parameters_at(hit.time))
@@ -66,16 +65,10 @@ def plain_loop(scenario, controller, hold, integrator):
 
 
 def mean_push(scenario, k):
-    """Mean disturbing force over a step of 1 ms.
-
-    Edges lie on multiples of 0.1 ms, so that whole numbers say how far they reach into the step.
-    """
-    push = 0.0
-    for one in scenario.disturbances:
-        if isinstance(one, afl.ForcePulse):
-            start, end = round(1e4 * one.start) / 10, round(1e4 * one.end) / 10
-            push += one.force * max(min(end, k + 1) - max(start, k), 0.0)
-    return push
+    """Mean disturbing force over a step of 1 ms, of pulses on multiples of 0.1 ms."""
+    pulses = [one for one in scenario.disturbances if isinstance(one, afl.ForcePulse)]
+    spans = [(x.force, round(1e4 * x.start) / 10, round(1e4 * x.end) / 10) for x in pulses]
+    return sum(force * max(min(end, k + 1) - max(start, k), 0.0) for force, start, end in spans)
 
 
 @pytest.mark.parametrize(("name", "hold", "integrator"), [
@@ -92,13 +85,11 @@ def test_ideal_the_loop_is_a_plain_loop_of_mj_step(odd_scenario, name, hold, int
     assert (run.command == run.force).all()
 
 
-RAMPS = [afl.piecewise_linear(ends, (0.6, 1.1)) for ends in ((0.0, 0.8), (-0.3, 1.4))]
-
-
 @pytest.mark.parametrize("changes", [
     {"initial_state": (0, -1.6, 0, 0)}, {"initial_state": (0, 1.569, 0, 10.0)},
     {"schedule": {"cart_mass": 20.0, "half_length": 0.05, "pole_mass": 3.0}},
-    *({"schedule": {"cart_mass": ramp, "half_length": ramp}} for ramp in RAMPS),
+    *({"schedule": dict.fromkeys(("cart_mass", "half_length"), afl.piecewise_linear(*ramp))}
+      for ramp in (((0.0, 0.8), (0.6, 1.1)), ((-0.3, 1.4), (0.6, 1.1)))),
 ], ids=["starts fallen", "no force", "falls", "ramp to the end", "ramp beyond both"])  # fmt: skip
 def test_also_where_the_run_ends_early_or_never_stops_changing(odd_scenario, adaptive, changes):
     schedule = odd_scenario.schedule | changes.get("schedule", {})
