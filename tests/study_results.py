@@ -23,18 +23,15 @@ from afl_mujoco.studies.shared.search import Budget
 from tests.verification_result import NASTY, OWN, make_result
 
 SHIPPED = Path(__file__).parents[1] / "docs" / "results"
-CONTROLLERS = ("adaptive", "lqr")
 SHORT = replace(OWN, duration=0.4, disturbances=())
-USED = [afl.CONTROLLERS[name] for name in CONTROLLERS]
+USED = [afl.CONTROLLERS[name] for name in ("adaptive", "lqr")]
 
 
 @cache
 def thresholds() -> thresholds_study.Result:
-    settings = Settings(seeds=1, scan=2, tolerance=1.0)
-    scenario = replace(SHORT, name=NASTY)
-    return thresholds_study.run(
-        thresholds_study.Request(USED, (scenario,), settings, ("delay", "end_stops.z", "combined"))
-    )
+    settings, names = Settings(seeds=1, scan=2, tolerance=1.0), ("delay", "end_stops.z", "combined")
+    asked = thresholds_study.Request(USED, (replace(SHORT, name=NASTY),), settings, names)
+    return thresholds_study.run(asked)
 
 
 @cache
@@ -47,10 +44,9 @@ def monte_carlo() -> montecarlo.Result:
     asked = afl.Requirements(max={"z": 0.12})
     ranges = {"phi": (-0.4, 0.4), "delay": (0.0, 0.004)}
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
-    budget = Budget(generations=1, population=4)
-    return montecarlo.run(
-        montecarlo.Request(space, USED, [f"{NASTY}:{x}" for x in "ab"], samples=12, budget=budget)
-    )
+    how = {"samples": 12, "budget": Budget(generations=1, population=4)}
+    names = [f"{NASTY}:{x}" for x in "ab"]
+    return montecarlo.run(montecarlo.Request(space, USED, names, **how))
 
 
 @cache

@@ -21,14 +21,11 @@ from afl_mujoco.studies.verify.explanation import AtWorst, ErrorBudget, Omission
 NASTY = '<script>alert(1)<!-- & "quoted"'
 CONTROLLERS = ("fixed", "adaptive")
 OWN = afl.Scenario(
-    name="step-step",
-    schedule={
-        "cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
-        "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6)),
-    },
+    name="step-step", duration=2.0,
+    schedule={"cart_mass": afl.staircase((1.0,), (0.5, 1.0)),
+              "half_length": afl.piecewise_linear((0.0, 1.0), (0.2, 0.6))},
     disturbances=(afl.ForcePulse(force=-10.0, start=1.2, duration=0.1),),
-    duration=2.0,
-)
+)  # fmt: skip
 """A scenario of one's own under a name of the paper."""
 
 SCENARIOS = (OWN, replace(OWN, name=NASTY))
@@ -82,21 +79,17 @@ def make_budget(size: int, **place: str) -> ErrorBudget:
     signed = {name: -0.1 * size * value for name, value in _PARTS.items()}
     sizes = {name: abs(value) for name, value in signed.items()}
     signed["residual"] = 2.0 * signed["total"] - sum(signed.values()) + signed["residual"]
-    return ErrorBudget(
-        **place, **sizes, at_worst=AtWorst(state="phi_dot", unit="rad/s", time=0.005, **signed)
-    )  # fmt: skip
+    worst = AtWorst(state="phi_dot", unit="rad/s", time=0.005, **signed)
+    return ErrorBudget(**place, **sizes, at_worst=worst)
 
 
 def make_claim(number: int) -> claims.Claim:
-    return claims.Claim(
-        id=f"C{number}",
-        claim=f"claim {number} has |F| & <angles>",
-        figure="improvement of the objective (O1) [%]",
-        paper=None if number == 2 else 38.03,
-        here=None if number == 5 else 18.36 - number,
-        verdict=_VERDICTS[(0, 0, 1, 2, 3, 1)[number % 6]],
-        why="values of the schedule are not in the paper (D3, D4)",
-    )
+    said = {"id": f"C{number}", "claim": f"claim {number} has |F| & <angles>",
+            "figure": "improvement of the objective (O1) [%]",
+            "why": "values of the schedule are not in the paper (D3, D4)"}  # fmt: skip
+    paper, here = None if number == 2 else 38.03, None if number == 5 else 18.36 - number
+    verdict = _VERDICTS[(0, 0, 1, 2, 3, 1)[number % 6]]
+    return claims.Claim(paper=paper, here=here, verdict=verdict, **said)
 
 
 def make_curves(scenario=OWN, controller="fixed", *, fell_at: int | None = None) -> tuple:

@@ -15,19 +15,14 @@ from afl_mujoco.studies.attraction import run
 from afl_mujoco.studies.shared.run import run_all
 from tests.plants.plants import known
 
+STEP = afl.staircase([1.0], [8.0, 10.0])
 RIG = afl.Scenario(
-    name="rig",
-    schedule={
-        "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
-        "half_length": afl.constant(1.5),
-        "pole_mass": 0.2,
-    },
-    duration=5.0,
-    initial_state=(0.1, 0.2, 0.0, 0.0),
+    name="rig", duration=5.0, initial_state=(0.1, 0.2, 0.0, 0.0),
+    schedule={"cart_mass": STEP, "half_length": 1.5, "pole_mass": 0.2},
     disturbances=(afl.ForcePulse(force=20.0, start=2.0, duration=0.1),),
     imperfections=afl.Imperfections(control_period=0.01, delay=0.004, input_limit=150.0),
     requirements=afl.Requirements(max={"z": 1.0}),
-)
+)  # fmt: skip
 PLAIN = replace(RIG, requirements=afl.Requirements(), duration=8.0)
 LQR = afl.CONTROLLERS["lqr"]
 
@@ -67,16 +62,13 @@ def test_the_cross_is_judged_for_itself_between_points_that_end_otherwise() -> N
     assert (result.kinds("lqr") != attraction.GOOD).all() and not result.runs("lqr")[-1].failure
     shown = attraction.report(result)
     assert "✓ passes" in to_text(shown.blocks)
-    assert shown.headline == (
-        "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, lqr copes with 0 %."
-    )
+    said = "rig: of 4 starts, |φ| up to 1.5 rad and |φ′| up to 4 rad/s, lqr copes with 0 %."
+    assert shown.headline == said
     cross = shown.blocks[0].draw().axes[0].lines[0]
     assert (cross.get_xdata()[0], cross.get_ydata()[0]) == (0.2, 0.0)
 
 
-def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_called_so(
-    monkeypatch,
-) -> None:
+def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_called_so(monkeypatch):
     asked = attraction.prepare(attraction.Options(grid=3, reach=(0.6, 1.0)))
     assert [*asked.angles, *asked.rates] == [-0.6, 0.0, 0.6, -1.0, 0.0, 1.0]
     for reach, said in (((1.6, 1.0), r"be below 1\.57 rad for phi, got 1\.6"), ((1.0,), "be two")):

@@ -18,36 +18,23 @@ RIG = """
 name = "rig"
 duration = 6.0
 initial_state = [0.0, 0.2, 0.0, 0.0]
-[schedule]
-pole_mass = 0.2
-cart_mass = 8.0
-half_length = 1.5
-[imperfections]
-control_period = 0.01
-delay = 0.005
-noise.phi = 0.001
+schedule = {pole_mass = 0.2, cart_mass = 8.0, half_length = 1.5}
+imperfections = {control_period = 0.01, delay = 0.005, noise = {phi = 0.001}}
 [requirements]
 max.z = 1.0
 settling_time = 5.5
 """
 OWN = """
 class Counting:
-    def __init__(self):
-        self.calls = 0
-
+    calls = 0
     def __call__(self, time, state, belief):
         self.calls += 1
         return 40.0 * state[0] - 600.0 * state[1] + 80.0 * state[2] - 250.0 * state[3]
-
-
 def zero(time, state, belief):
     return 0.0
-
-
 def late(time, state, belief):
     return 0.0 if time < 0.5 else 1 / 0
 """
-GAINS = np.array([40.0, -600.0, 80.0, -250.0])
 
 
 def idle(time, state, belief):
@@ -168,7 +155,7 @@ def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, c
 def test_the_library_takes_functions_classes_and_names(rig) -> None:
     class Own:
         def __call__(self, time, state, belief):
-            return GAINS @ state
+            return np.dot((40.0, -600.0, 80.0, -250.0), state)
 
     found = afl.compare(rig / "rig.toml", ["lqr", Own, idle], draws=1)
     assert repr(found) == "<lqr 3 of 3 · Own 3 of 3 · idle 0 of 3>"
@@ -182,31 +169,24 @@ def test_the_library_takes_functions_classes_and_names(rig) -> None:
 def test_a_film_shows_the_controllers_side_by_side_as_they_were_run(rig, command_line, graphics):
     (rig / "rig.toml").write_text(RIG.replace("duration = 6.0", "duration = 0.4").split("[req")[0])
     controllers = ("lqr", "adaptive", "compared:Counting")
-    code, _, errors = command_line(
-        "compare", "rig.toml", "--controllers", *controllers, "--film", "--out", "out"
-    )
+    asked = ("compare", "rig.toml", "--controllers", *controllers, "--film")
+    code, _, errors = command_line(*asked, "--out", "out")
     assert (code, errors) == (0, "")
     (film,) = load_listing(rig / "out")
     assert (rig / "out" / film.file).stat().st_size > 1000
     assert film.controllers == ("lqr", "adaptive", "compared.Counting")
     assert film.deployment.control_period == 0.01  # the scenario's, not a step
-    asked = " ".join(controllers)
-    assert film.command == f"afl-mujoco compare rig.toml --controllers {asked} --film"
+    assert film.command == " ".join(("afl-mujoco", *asked))
     page = (rig / "out" / "report.html").read_text()
     assert "rig, lqr beside adaptive beside compared.Counting" in page
 
 
-def test_a_pole_that_falls_at_the_very_end_has_not_completed() -> None:
-    start = (0.0, 1.4, 0.0, 0.0)
-    falling = afl.Scenario(name="falling", initial_state=start, duration=2.0)
+def test_a_controller_that_fails_or_falls_at_the_very_end_is_a_row_that_meets_nothing() -> None:
+    falling = afl.Scenario(name="falling", initial_state=(0.0, 1.4, 0.0, 0.0), duration=2.0)
     end = afl.simulate_mujoco(falling, idle).outcome
-    assert end.kind == "fell"
     found = afl.compare(replace(falling, duration=end.time), idle)
-    assert found.rows[0].outcome == "fell" and found.rows[0].time == end.time
+    assert found.rows[0].outcome == end.kind == "fell" and found.rows[0].time == end.time
     assert not found.passed
-
-
-def test_a_controller_that_fails_meets_nothing_and_is_a_row_and_not_the_end() -> None:
     free = afl.Scenario(name="free", duration=1.0, requirements=afl.Requirements(completes=False))
 
     def broken(time, state, belief):
@@ -227,28 +207,17 @@ def test_the_figure_draws_every_limit_where_it_is_judged() -> None:
     asked = afl.Requirements(target={"z": 0.25}, max=upper, min={"phi": -0.7})
     scenario = afl.Scenario(name="s", duration=0.2, initial_state={"phi": 0.1}, requirements=asked)
     figure = compare(scenario, ["lqr"]).plot()
-    drawn = {
-        axis.get_ylabel().split()[0]: sorted(
-            line.get_ydata()[0] for line in axis.lines if line.get_linestyle() == "--"
-        )
-        for axis in figure.axes
-    }
-    assert drawn == {
-        "z": [-0.25, 0.75],
-        "φ": [-0.7],
-        "φ′": [-4.0, 4.0],
-        "force": [-100, -90, 90, 100],
-    }
+    dashed = [[line.get_ydata()[0] for line in axis.lines if line.get_linestyle() == "--"]
+              for axis in figure.axes]  # fmt: skip
+    names = [axis.get_ylabel().split()[0] for axis in figure.axes]
+    assert dict(zip(names, map(sorted, dashed), strict=True)) == {
+        "z": [-0.25, 0.75], "φ": [-0.7], "φ′": [-4.0, 4.0], "force": [-100, -90, 90, 100],
+    }  # fmt: skip
 
 
-def test_draws_without_a_number_count_in_medians_and_a_share_is_of_the_controller_that_ran() -> (
-    None
-):
-    draws = {
-        "often": [{"end_time": x} for x in (1.0, 2.0, None)],
-        "seldom": [{}, {}, {"end_time": 3}],
-    }
-    (row,) = metrics_matrix(draws, ["end_time"]).rows
+def test_draws_without_a_number_count_in_medians_and_a_share_is_of_the_controller_that_ran():
+    often, seldom = [{"end_time": x} for x in (1.0, 2.0, None)], [{}, {}, {"end_time": 3}]
+    (row,) = metrics_matrix({"often": often, "seldom": seldom}, ["end_time"]).rows
     assert row[1:] == ["2 (1 to 2; 2 of 3)", "– (1 of 3)"]
     asked = afl.Requirements(target={"z": 60.0})
     away = afl.Scenario(name="away", initial_state={"z": 60.0}, duration=0.5, requirements=asked)

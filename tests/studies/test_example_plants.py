@@ -1,16 +1,12 @@
-from pathlib import Path
-
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.studies import attraction, montecarlo, thresholds
 from afl_mujoco.studies.shared.run import run_all
-
-EXAMPLES = Path(__file__).parents[2] / "examples"
-PLANTS = ("quadrotor_load", "cart_double_pendulum", "double_pendulum")
+from tests.plants.plants import EXAMPLES, OWN
 
 
-@pytest.mark.parametrize("name", PLANTS)
+@pytest.mark.parametrize("name", OWN)
 def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
     scenario = afl.load_scenario(EXAMPLES / f"{name}.toml")
     (run,) = run_all(afl.CONTROLLERS["lqr"], [scenario])

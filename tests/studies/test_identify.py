@@ -55,8 +55,6 @@ def test_logs_of_two_poles_and_a_command_after_its_force_are_named(rig, command_
         log = swing(TRUTH, len(name) + ord(name[0]), 2.0)
         columns[name] = log | {"command": np.concatenate([[0.0], log["command"][:-1]])}
     errors = identify_logs(rig, command_line, columns)
-    said = re.search(
-        r"command must be in the row from which on it acts, got a force that acts ([\d.]+)", errors
-    )
-    assert said is not None, errors
+    said = r"command must be in the row from which on it acts, got a force that acts ([\d.]+)"
+    assert (said := re.search(said, errors)), errors
     assert float(said[1]) == pytest.approx(1e3 * (0.02 - TRUTH.delay), abs=1.0)

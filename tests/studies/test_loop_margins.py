@@ -28,17 +28,12 @@ def loop_margins(loop, *hardware):
     return None if found is None else found[0]
 
 
-def at(plant, imperfections=None, belief=None):
-    return afl.Scenario(
-        name="at rest",
-        schedule=asdict(plant),
-        imperfections=imperfections or afl.Imperfections(),
-        belief=belief or {},
-    )
+def at(plant, **what):
+    return afl.Scenario(name="at rest", schedule=asdict(plant), **what)
 
 
-def linearize(controller, plant, imperfections=None, belief=None):
-    return under_test.linearize(controller, at(plant, imperfections, belief))
+def linearize(controller, plant):
+    return under_test.linearize(controller, at(plant))
 
 
 def companion(numerator, denominator):
@@ -100,13 +95,6 @@ def test_a_held_unstable_lag_has_the_gains_and_the_crossover_of_its_closed_forms
     assert abs(margins.delay - lag / turn * period) < period
 
 
-RESONANT = {  # two resonances near the rate of control or above: frequencies, inputs, gains, period
-    "phase never": ((11.0, 8.0), (0.04, 0.09), 0.7, (10.0, 13.0, 3.0, -2.0), 0.29),
-    "phase at 1.1 s": ((9.0, 7.0), (0.07, 0.1), 0.0, (-28.0, 2.0, -14.0, 0.0), 0.28),
-    "phase at 0.6 s": ((12.0, 6.0), (0.06, 0.09), 0.0, (11.0, 4.0, -9.0, 12.0), 0.24),
-}
-
-
 def grows(loop, period, delay):
     """Return whether a held loop grows under a delay, input by input of each period."""
     whole, late = divmod(delay, period)
@@ -123,11 +111,15 @@ def grows(loop, period, delay):
     return max(sizes[-100:]) > max(sizes[500:600])
 
 
-@pytest.mark.parametrize(("omega", "damping", "second", "k", "period"), RESONANT.values(),
-                         ids=RESONANT)  # fmt: skip
+@pytest.mark.parametrize(("omega", "damping", "second", "k", "period"), [
+    ((11.0, 8.0), (0.04, 0.09), 0.7, (10.0, 13.0, 3.0, -2.0), 0.29),
+    ((9.0, 7.0), (0.07, 0.1), 0.0, (-28.0, 2.0, -14.0, 0.0), 0.28),
+    ((12.0, 6.0), (0.06, 0.09), 0.0, (11.0, 4.0, -9.0, 12.0), 0.24),
+], ids=["phase never", "phase at 1.1 s", "phase at 0.6 s"])  # fmt: skip
 def test_a_held_loop_grows_beyond_its_delay_margin_where_no_phase_says_so(
     omega, damping, second, k, period
 ):
+    """Two resonances near the rate of control or above."""
     a, w = np.zeros((4, 4)), np.array(omega)
     a[:2, 2:], a[2:, :2], a[2:, 2:] = np.eye(2), -np.diag(w**2), -np.diag(2.0 * w * damping)
     loop = Loop(a, np.array([[0.0], [0.0], [1.0], [second]]), np.array([k]))
@@ -202,7 +194,7 @@ def test_a_controller_that_bends_has_its_slope_and_an_lqr_the_margins_of_every_l
 ], ids=str)  # fmt: skip
 def test_a_motion_on_imperfect_hardware_decays_up_to_the_margin(hardware) -> None:
     period, lqr = 0.005, afl.CONTROLLERS["lqr"]
-    scenario = at(NOMINAL, hardware, {"half_length": {"error": 0.1}})
+    scenario = at(NOMINAL, imperfections=hardware, belief={"half_length": {"error": 0.1}})
     (margin,) = run(Request(scenario, [lqr], {}, period)).of("lqr", HELD)
     assert 0.0 < margin.delay < 0.1
     for share, decays in ((0.97, True), (1.03, False)):
@@ -215,17 +207,15 @@ def test_a_motion_on_imperfect_hardware_decays_up_to_the_margin(hardware) -> Non
 
 
 TWO_CARTS = afl.Plant(
-    name="two-carts",
+    name="two-carts", coordinates=("left", "right"), inputs=("first", "second"),
     model="""<mujoco><option gravity="0 0 0"/><worldbody>
         <body><joint name="left" type="slide" axis="1 0 0"/>
         <inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>
         <body><joint name="right" type="slide" axis="1 0 0"/>
-        <inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/></body></body></worldbody>
-        <actuator><motor name="first" joint="left"/><motor name="second" joint="right"/></actuator>
+        <inertial pos="0 0 0" mass="3" diaginertia="1 1 1"/></body></body></worldbody><actuator>
+        <motor name="first" joint="left"/><motor name="second" joint="right"/></actuator>
         </mujoco>""",
-    coordinates=("left", "right"),
-    inputs=("first", "second"),
-)
+)  # fmt: skip
 
 
 def both(time, state, belief):
@@ -238,11 +228,8 @@ def test_each_input_is_broken_with_the_other_closed(period):
     """Against poles: at the gain margin of an input a pole of the whole loop is on the border."""
     controller = PythonController(name="both", function=both, plant=TWO_CARTS)
     delays = {"first": 0.03, "second": 0.0}
-    scenario = afl.Scenario(
-        name="two",
-        plant=TWO_CARTS,
-        imperfections=afl.Imperfections(delay=delays, lag={"second": 0.01}, differentiated=True),
-    )
+    rough = afl.Imperfections(delay=delays, lag={"second": 0.01}, differentiated=True)
+    scenario = afl.Scenario(name="two", plant=TWO_CARTS, imperfections=rough)
     loop = under_test.linearize(controller, scenario)
     np.testing.assert_allclose(loop.k[0, :4], (40.0, 1.0, 9.0, 0.0), atol=1e-7)
     assert loop.a.shape == (5, 5) and loop.b[4, 1] == 100.0
@@ -264,17 +251,10 @@ def test_the_disk_of_a_loop_that_hardly_decays_is_not_between_two_frequencies(da
     """By the distance of 1/max|S - 1/2| on a grid around the only peak."""
     a, b = np.array([[0.0, 1.0], [-1.0, 0.0]]), np.array([[0.0], [1.0]])
     loop = Loop(a, b, np.array([[0.3, damping]]))
-    (found,) = under_test.loop_margins(loop, None, afl.Imperfections())
     omega = 1.3**0.5 + damping * np.linspace(-50.0, 50.0, 200_001)
     transfer = (0.3 + 1j * omega * damping) / (1.0 - omega**2)
-    sensitivity = 1.0 / (1.0 + transfer)
-    expected = 1.0 / np.abs(sensitivity - 0.5).max()
-    assert found.disk == pytest.approx(expected, rel=1e-2)
-
-
-def of_speed(time, state, p):
-    """A controller that lets the cart stand wherever it comes to rest."""
-    return (p.cart_mass + p.pole_mass) * (6.5 * state[2] - 64.0 * state[1] - 29.0 * state[3])
+    expected = 1.0 / np.abs(1.0 / (1.0 + transfer) - 0.5).max()
+    assert loop_margins(loop).disk == pytest.approx(expected, rel=1e-2)
 
 
 @pytest.mark.parametrize("hardware", [
@@ -283,6 +263,10 @@ def of_speed(time, state, p):
 ], ids=str)  # fmt: skip
 def test_where_the_cart_stands_is_no_matter_also_to_sensors_that_difference_it(hardware) -> None:
     """Rounding decided of each plant whether a pole at 1, where it stands, was a stable one."""
+
+    def of_speed(time, state, p):
+        return (p.cart_mass + p.pole_mass) * np.dot((0.0, -64.0, 6.5, -29.0), state)
+
     period, controller = 0.005, as_controller(of_speed)
     r = Imperfections(control_period=period, **hardware)
     for mass in (0.6, 0.85, 1.1, 1.6, 2.0):
@@ -324,3 +308,34 @@ def test_a_mode_that_neither_grows_nor_returns_is_stable_for_no_plant() -> None:
         loop = under_test.linearize(bound(as_controller(gap), scenario), scenario)
         assert not loop.stable and under_test.loop_margins(loop) is None
         assert under_test.loop_margins(loop, 1e-3) is None
+
+
+HELD_ARM = """<mujoco><option integrator="RK4"/><worldbody><body>
+<joint name="arm" axis="0 1 0" damping="0.02"/>
+<inertial pos="0 0 -0.4" mass="1.5" diaginertia="0.08 0.08 0.01"/></body></worldbody>
+<actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
+NAMES = {"coordinates": ("arm",), "inputs": ("motor",), "upright": (math.pi / 2.0,)}
+PLANT = afl.Plant(name="held-arm", model=HELD_ARM, **NAMES)
+HARDWARE = {"control_period": 0.005, "delay": 0.003, "lag": 0.004}
+SCENARIO = afl.Scenario(
+    name="out", plant=PLANT, duration=2.0, imperfections=afl.Imperfections(**HARDWARE),
+    requirements=afl.Requirements(max={"arm": 0.5}, bands={"arm": 0.05}),
+)  # fmt: skip
+
+
+def test_margins_hold_where_inputs_act_at_rest() -> None:
+    lqr = afl.find_controller("lqr")
+    (held,) = run(Request(SCENARIO, [lqr], {}, 0.005)).of("lqr", HELD)
+    needed = 9.81 * 1.5 * 0.4  # at a quarter turn from hanging [N m]
+    assert needed == pytest.approx(under_test.linearize(bound(lqr, SCENARIO), SCENARIO).held[0])
+    for share, decays in ((0.97, True), (1.03, False)):
+        late = replace(SCENARIO.imperfections, delay=HARDWARE["delay"] + share * held.delay)
+        start = {"arm": math.pi / 2.0 + 1e-3}
+        moved = replace(SCENARIO, initial_state=start, duration=6.0, imperfections=late)
+        away = np.abs(afl.simulate_mujoco(moved, lqr).state[:, 0] - math.pi / 2.0)
+        first, last = (part.max() for part in np.array_split(away, 3)[:3:2])
+        assert bool(last < first) is decays
+    # the LQR is the same whatever the hardware
+    limited = replace(SCENARIO, imperfections=afl.Imperfections(input_limit=9.0))
+    gains = [bound(afl.find_controller("lqr"), one).gains(()) for one in (SCENARIO, limited)]
+    assert gains[0][1].tolist() == gains[1][1].tolist()

@@ -14,19 +14,14 @@ from afl_mujoco.studies import margins
 from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
 
 LQR = CONTROLLERS["lqr"]
-GRID = {"cart_mass": (0.1, 1.0), "half_length": (0.05, 0.5)}
 AT_REST = afl.Scenario(name="at rest")
 METRICS = ("gain_decrease", "gain_increase", "phase", "delay", "crossover", "disk")
 
 
-@pytest.fixture(scope="module")
-def survey() -> margins.Result:
-    return margins.run(
-        margins.Request(AT_REST, [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")], GRID)
-    )
-
-
-def test_a_survey_holds_the_margins_of_each_plant_but_where_the_hold_is_unstable(survey) -> None:
+def test_a_survey_holds_the_margins_of_each_plant_but_where_the_hold_is_unstable() -> None:
+    grid = {"cart_mass": (0.1, 1.0), "half_length": (0.05, 0.5)}
+    both = [CONTROLLERS[name] for name in ("fixed", "fixed-nominal")]
+    survey = margins.run(margins.Request(AT_REST, both, grid))
     loop = linearize(CONTROLLERS["fixed"], AT_REST)
     for kind, period in ((margins.CONTINUOUS, None), (margins.HELD, 1e-3)):
         (expected,) = loop_margins(loop, period)
@@ -62,19 +57,14 @@ def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> No
 
 
 def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> None:
+    step = afl.staircase([1.0], [8.0, 10.0])
     own = afl.Scenario(
-        name="own",
-        schedule={
-            "pole_mass": 0.2,
-            "cart_mass": afl.staircase([1.0], [8.0, 10.0]),
-            "half_length": afl.constant(1.5),
-        },
+        name="own", schedule={"pole_mass": 0.2, "cart_mass": step, "half_length": 1.5},
         imperfections=afl.Imperfections(control_period=0.01, delay=0.004, noise={"phi": 1e-3}),
         ranges={"pole_mass": (0.1, 0.3), "z": (-0.1, 0.1)},
-    )
+    )  # fmt: skip
     afl.save_scenario(own, tmp_path / "own.toml")
-    own = str(tmp_path / "own.toml")
-    asked = margins.Options(scenario=own, controllers=("lqr",))
+    asked = margins.Options(scenario=str(tmp_path / "own.toml"), controllers=("lqr",))
     request = margins.prepare(asked)
     assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
@@ -102,14 +92,10 @@ def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> 
     assert continuous[0] == continuous[1]
 
 
-class Remembering:
-    def __call__(self, time, state, belief) -> float:
-        return 0.0
-
-
 def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
     functions = {
-        "memory": Remembering, "biased": lambda time, state, belief: 1.0 + state[1],
+        "memory": type("Mine", (), {"__call__": lambda self, time, state, belief: 0.0}),
+        "biased": lambda time, state, belief: 1.0 + state[1],
         "kinked": lambda time, state, belief: 50.0 * max(state[1], 0.0),
     }  # fmt: skip
     own = [PythonController(name=name, function=one) for name, one in functions.items()]
@@ -121,9 +107,7 @@ def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
     assert rule in found.not_linear["biased"] and "must be smooth" in found.not_linear["kinked"]
     with pytest.raises(InvalidValueError, match=rule):
         margins.Request(AT_REST, own[1:2], {}).require()
-
-
-def test_a_drive_too_weak_to_hold_the_plant_at_its_target_is_refused() -> None:
+    # nor is a drive too weak to hold the plant at its target
     scenario = afl.load_scenario(Path(__file__).parents[2] / "examples" / "quadrotor_load.toml")
     weak = replace(scenario, imperfections=afl.Imperfections(input_limit=2.0))
     with pytest.raises(InvalidValueError, match=r"within -2 to 2, got left = 5.0"):

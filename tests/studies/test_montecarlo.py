@@ -26,14 +26,12 @@ from tests.program import run as program
 
 LQR, ADAPTIVE = afl.CONTROLLERS["lqr"], afl.CONTROLLERS["adaptive"]
 HEAVY = afl.Scenario(
-    name="heavy",
-    schedule={"pole_mass": 0.2, "cart_mass": afl.constant(8.0), "half_length": afl.constant(1.5)},
-    duration=2.5,
-    initial_state=(0.0, 0.2, 0.0, 0.0),
+    name="heavy", duration=2.5, initial_state=(0.0, 0.2, 0.0, 0.0),
+    schedule={"pole_mass": 0.2, "cart_mass": 8.0, "half_length": 1.5},
     imperfections=afl.Imperfections(control_period=0.01, delay=0.004),
     requirements=afl.Requirements(max={"z": 0.5, "force": 150.0}),
     ranges={"phi": (-0.4, 0.4), "cart_mass": (6.0, 12.0)},
-)
+)  # fmt: skip
 SPACE = SampleSpace(HEAVY)
 
 
@@ -83,10 +81,8 @@ def test_every_failure_replays_from_its_file_to_the_same_bits(heavy, tmp_path) -
 
 
 def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch) -> None:
-    (tmp_path / "own.toml").write_text(
-        f'plant = "{varied(tmp_path)}"\nduration = 0.1\n[requirements]\nmax = {{ arm = 0.1 }}\n'
-        "[ranges]\narm = [0.2, 0.3]\n"
-    )
+    what = "duration = 0.1\nrequirements.max.arm = 0.1\nranges.arm = [0.2, 0.3]\n"
+    (tmp_path / "own.toml").write_text(f'plant = "{varied(tmp_path)}"\n{what}')
     monkeypatch.chdir(tmp_path)
     space = SampleSpace(load_scenario("own.toml"))
     idle = PythonController(name="idle", function=lambda t, x, belief: 0.0)
@@ -192,12 +188,8 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     failures = [row for row in content["rows"] if row["failure"]]
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
     files |= {one["file"] for one in content["worst_cases"]}
-    assert written(tmp_path / "out") == {
-        *content["files"],
-        *files,
-        "montecarlo.json",
-        "report.html",
-    }
+    made = {"montecarlo.json", "report.html", *content["files"]}
+    assert written(tmp_path / "out") == made | files
     assert {"montecarlo.md", "montecarlo-rates.svg"} <= {*content["files"]}
     (printed, *_) = [x for x in result.stdout.splitlines() if x.startswith("afl-mujoco simulate")]
     shown = program(*shlex.split(printed)[1:], "--out", "../shown", cwd=tmp_path / "out")
@@ -207,30 +199,21 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     assert (outcome.kind, outcome.time) == (failures[0]["outcome"], failures[0]["time"])
 
 
-def test_a_ctrl_c_while_sampling_keeps_what_every_controller_has_done() -> None:
+@pytest.mark.parametrize(("stage", "samples", "said"), [
+    ("sampling", 50, "20 of 50 samples"), ("searching", 20, "20 samples, 0 searches"),
+])  # fmt: skip
+def test_a_ctrl_c_keeps_what_every_controller_has_done(stage, samples, said) -> None:
     short = SampleSpace(replace(HEAVY, duration=0.3))
-    request = asked(LQR, ADAPTIVE, samples=50, space=short)
+    request = asked(LQR, ADAPTIVE, samples=samples, space=short)
     whole = run(request)
 
     def press(what: str, done: int, total: int) -> None:
-        if done >= 3:  # of six chunks, three of each controller
+        # sampling, of six chunks, three of each controller
+        if what.startswith(stage) and (done >= 3 or stage == "searching"):
             raise KeyboardInterrupt
 
     with pytest.raises(Interrupted) as early:
-        run(request, progress=press)
-    assert early.value.done == "20 of 50 samples"
+        run(request._replace(budget=Budget(generations=1)), progress=press)
+    assert early.value.done == said
     for name, some in early.value.result.runs.items():
         assert some == whole.runs[name][:20]
-
-
-def test_a_ctrl_c_while_searching_keeps_the_samples() -> None:
-    request = asked(LQR, samples=20)._replace(budget=Budget(generations=1))
-
-    def press(what: str, done: int, total: int) -> None:
-        if what.startswith("searching"):
-            raise KeyboardInterrupt
-
-    with pytest.raises(Interrupted) as early:
-        run(request, progress=press)
-    assert early.value.done == "20 samples, 0 searches"
-    assert len(early.value.result.runs["lqr"]) == 20

@@ -14,8 +14,6 @@ from afl_mujoco.studies.shared.record import load_record, load_records, remove_r
 from tests import study_results
 from tests.messages import line
 
-NAMES = tuple(study_results.RESULTS)
-
 
 def names(folder) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
@@ -25,10 +23,8 @@ def same(one, other) -> bool:
     if isinstance(one, np.ndarray):
         return one.dtype == other.dtype and np.array_equal(one, other, equal_nan=True)
     if is_dataclass(one):
-        parts = (field.name for field in fields(one))
-        return type(one) is type(other) and all(
-            same(getattr(one, name), getattr(other, name)) for name in parts
-        )
+        pairs = [(getattr(one, x.name), getattr(other, x.name)) for x in fields(one)]
+        return type(one) is type(other) and all(same(*pair) for pair in pairs)
     if isinstance(one, tuple):
         return len(one) == len(other) and all(map(same, one, other))
     if isinstance(one, dict):
@@ -36,7 +32,7 @@ def same(one, other) -> bool:
     return bool(one == other)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", study_results.RESULTS)
 def test_a_record_comes_back_as_it_was(name: str, tmp_path) -> None:
     record = study_results.record(name)
     written = save_record(record, tmp_path, figures=False)
@@ -80,10 +76,7 @@ def broken_off(folder, monkeypatch, part: str, error) -> None:
 
     new = replace(study_results.record("margins"), command="the new one")
     made = {"figures": (figures, "save_figure"), "text": (record_module, "write_text")}[part]
-    with (
-        monkeypatch.context() as patch,
-        pytest.raises(error if isinstance(error, type) else type(error)),
-    ):
+    with monkeypatch.context() as patch, pytest.raises(type(error)):
         patch.setattr(*made, stop)
         save_record(new, folder)
     assert all(path.is_file() for path in folder.iterdir())  # nothing is left of what was staged
@@ -95,27 +88,21 @@ def test_what_cannot_be_drawn_does_not_cost_the_numbers(tmp_path, monkeypatch, o
         save_record(study_results.record("margins"), tmp_path)
         (tmp_path / "report.html").write_text("the page of the older one")
         (tmp_path / "margins-partial.json").write_text("what was done when it was interrupted")
-    broken_off(tmp_path, monkeypatch, "figures", ValueError)
+    broken_off(tmp_path, monkeypatch, "figures", ValueError())
     assert names(tmp_path) == {"margins.json", "margins.md"}
     assert load_record(find_study("margins"), tmp_path).command == "the new one"
 
 
-def contents(folder) -> dict[str, bytes]:
-    return {name: (folder / name).read_bytes() for name in names(folder)}
-
-
-@pytest.mark.parametrize(
-    ("part", "error"),
-    [("text", KeyboardInterrupt), ("figures", KeyboardInterrupt), ("text", FileError("x", "full"))],
-)
-def test_a_ctrl_c_or_a_full_disk_leaves_the_older_record_and_its_page(
-    tmp_path, monkeypatch, part, error
-):
+@pytest.mark.parametrize(("part", "error"), [
+    *(("text", error) for error in (KeyboardInterrupt(), FileError("x", "full"))),
+    ("figures", KeyboardInterrupt()),
+])  # fmt: skip
+def test_a_ctrl_c_or_a_full_disk_leaves_the_older_record(tmp_path, monkeypatch, part, error):
     save_record(study_results.record("margins"), tmp_path)
     (tmp_path / "report.html").write_text("the page")
-    before = contents(tmp_path)
+    before = {name: (tmp_path / name).read_bytes() for name in names(tmp_path)}
     broken_off(tmp_path, monkeypatch, part, error)
-    assert contents(tmp_path) == before
+    assert {name: (tmp_path / name).read_bytes() for name in names(tmp_path)} == before
 
 
 @pytest.mark.parametrize("name", ["compare.npz", "compare-1.svg"])
@@ -127,8 +114,8 @@ def test_files_of_another_run_are_refused(tmp_path, name: str) -> None:
         load_records(tmp_path)
 
 
-BARE = {"schema": 5, "study": "margins", "command": "", "versions": {}, "inputs": {}, "files": {}}
-LONG = BARE | {"scenario": "s", "control_period": "long"}
+LONG = {"schema": 5, "study": "margins", "command": "", "scenario": "s", "control_period": "long",
+        "versions": {}, "inputs": {}, "files": {}}  # fmt: skip
 
 
 @pytest.mark.parametrize(("content", "rule"), [

@@ -32,10 +32,6 @@ def made(scenario="step-step", run=None, **versions) -> regression.Baseline:
     return regression.Baseline(scenario, "fixed", {"mujoco": "3.17.0", **versions}, runs)
 
 
-def moved_in(run: regression.Recording) -> str:
-    return "".join(regression.changes(made(), made(run=run)))
-
-
 def text(made_up: regression.Baseline) -> str:
     return json.dumps(as_plain(made_up))
 
@@ -79,16 +75,14 @@ def shifted(column: int, by: float) -> regression.Recording:
     (shifted(5, 5e-7), ""), (shifted(5, 2e-6), "force at 1 instants, first at t = 0.5 s,"),
 ])  # fmt: skip
 def test_what_moves_by_more_than_its_limit_is_named(run, said) -> None:
-    found = moved_in(run)
+    found = "".join(regression.changes(made(), made(run=run)))
     assert said in found and bool(said) == bool(found)
 
 
 def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
     untouched = (baselines / "step-step.fixed.json").read_bytes()
-    fresh = by_name(
-        made(python="3.12.1"),  # another host, the same numbers but for the last digits
-        made("trapezoid-step", run=recording(objective=2.6)),
-    )
+    elsewhere = made(python="3.12.1")  # another host, the same numbers but for the last digits
+    fresh = by_name(elsewhere, made("trapezoid-step", run=recording(objective=2.6)))
     assert updated(baselines, fresh) == [
         "missing   trapezoid-step.fixed.json has no baseline",
         "orphaned  nominal.fixed.json has no run",
@@ -101,14 +95,12 @@ def test_an_update_says_what_moved_and_leaves_what_did_not(baselines) -> None:
     assert updated(baselines, fresh) == []
 
 
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [("<<<<<<< HEAD", "Invalid JSON"),
-     (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
-     (text(made("other")), "its file must be named other.fixed.json"),
-     (text(made()).replace("2.5", "NaN"), "objective must be a finite number, got nan")],
-    ids=["conflict", "schema", "name", "nan"],
-)  # fmt: skip
+@pytest.mark.parametrize(("content", "reason"), [
+    ("<<<<<<< HEAD", "Invalid JSON"),
+    (text(made()).replace('"schema": 1', '"schema": 2'), "schema must be 1, got 2"),
+    (text(made("other")), "its file must be named other.fixed.json"),
+    (text(made()).replace("2.5", "NaN"), "objective must be a finite number, got nan"),
+], ids=["conflict", "schema", "name", "nan"])  # fmt: skip
 def test_a_file_that_is_no_baseline_is_named_with_the_reason(baselines, content, reason) -> None:
     (baselines / "step-step.fixed.json").write_text(content)
     said = line(f"{baselines}/step-step.fixed.json is not a baseline: ", ..., reason, ...)
@@ -127,10 +119,9 @@ def test_a_recording_has_every_reported_run_every_half_second(fresh) -> None:
     assert tuple(recorded.runs) == REPORTED
     run = afl.simulate_mujoco(SHORT, afl.CONTROLLERS["adaptive"], "continuous")
     kept = recorded.runs["mujoco continuous"]
-    index = [int(abs(run.time - t).argmin()) for t in (0.0, 0.5, 1.0)]
-    assert [list(row) for row in kept.trajectory] == [
-        [t, *run.state[i], run.force[i]] for t, i in zip((0.0, 0.5, 1.0), index, strict=True)
-    ]
+    instants = [(t, int(abs(run.time - t).argmin())) for t in (0.0, 0.5, 1.0)]
+    expected = [[t, *run.state[i], run.force[i]] for t, i in instants]
+    assert [list(row) for row in kept.trajectory] == expected
     assert kept.metrics["objective"] is not None and kept.settings["timestep"] == H
     assert recorded.versions.keys() >= {"python", "afl_mujoco", "mujoco", "numpy", "scipy", "numba"}
 

@@ -175,21 +175,16 @@ def test_a_seed_is_the_draw_that_compare_has_where_only_encoders_act() -> None:
     assert bare == expected and len(set(bare)) == 3
 
 
-STUDIES = {
-    "compare": lambda own: afl.compare(replace(LEANING, **NOISY), own, draws=2),
-    "sample": lambda own: drawn(2, controllers=(own,)),
-    "sweep": lambda own: robustness.sweep(
-        robustness.SweepUnit("delay", own, (LEANING,), robustness.Settings(scan=2, tolerance=1.0))
-    ),
-    "map_starts": lambda own: robustness.map_starts(
-        (own,), LEANING, ("phi", "z"), (np.array([0.1]), np.array([0.0, 0.1])), DEFAULT
-    ),
-}
-NOISY = {"duration": 0.5, "imperfections": afl.Imperfections(noise={"phi": 1e-4})}
+NOISY = replace(LEANING, duration=0.5, imperfections=afl.Imperfections(noise={"phi": 1e-4}))
+FEW, AXES = robustness.Settings(scan=2, tolerance=1.0), (np.array([0.1]), np.array([0.0, 0.1]))
 
 
-@pytest.mark.parametrize("study", STUDIES)
-def test_a_controller_that_keeps_something_from_run_to_run_is_refused(study: str) -> None:
+@pytest.mark.parametrize("study", [
+    lambda own: afl.compare(NOISY, own, draws=2), lambda own: drawn(2, controllers=(own,)),
+    lambda own: robustness.sweep(robustness.SweepUnit("delay", own, (LEANING,), FEW)),
+    lambda own: robustness.map_starts((own,), LEANING, ("phi", "z"), AXES, DEFAULT),
+], ids=["compare", "sample", "sweep", "map_starts"])  # fmt: skip
+def test_a_controller_that_keeps_something_from_run_to_run_is_refused(study) -> None:
     calls: list[float] = []
 
     def counts(t, x, belief):
@@ -199,6 +194,6 @@ def test_a_controller_that_keeps_something_from_run_to_run_is_refused(study: str
     def forgets(t, x, belief):
         return 20.0 * x[1] + 3.0 * x[3]
 
-    STUDIES[study](as_controller(forgets))
+    study(as_controller(forgets))
     with pytest.raises(afl.AflMujocoError, match="'counts' must make the same run each time"):
-        STUDIES[study](as_controller(counts))
+        study(as_controller(counts))

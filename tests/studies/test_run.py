@@ -30,11 +30,9 @@ def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
 
 def limited(*margins: float, **values) -> Run:
     names = ("max.z", "max.force")
-    found = tuple(
-        Judgement(requirement=name, limit=2.0, value=2.0 - 2.0 * x, margin=x)
-        for name, x in zip(names, margins, strict=False)
-    )
-    return made(requirements=found, **values)
+    pairs = zip(names, margins, strict=False)
+    found = [Judgement(name, limit=2.0, value=2.0 - 2.0 * x, margin=x) for name, x in pairs]
+    return made(requirements=tuple(found), **values)
 
 
 def test_severity_is_what_its_words_say_and_ranks_early_falls_first() -> None:
@@ -61,9 +59,8 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
     for scenario, run in zip(scenarios, run_all(LQR, scenarios), strict=True):
         alone = afl.simulate_mujoco(scenario, LQR)
         other = run_of(scenario, LQR, alone)
-        assert (run.outcome, run.failure, run.settled) == (
-            other.outcome, other.failure, other.settled,
-        )  # fmt: skip
+        for name in ("outcome", "failure", "settled"):
+            assert getattr(run, name) == getattr(other, name)
         assert run.metrics["peak_z"] == np.abs(alone.state[:, 0]).max()
         assert run.metrics["settling_time"] == other.metrics["settling_time"]
         if run.outcome == "completed":
@@ -80,9 +77,8 @@ def test_a_row_is_of_the_run_of_the_simulator() -> None:
 
 def test_a_median_is_of_all_draws_also_of_those_that_have_no_number() -> None:
     """Three draws settle, four never do: the median never settles, and its margin is none."""
-    asked = afl.Scenario(
-        name="case", duration=9.0, requirements=afl.Requirements(settling_time=4.0, max={"z": 1.0})
-    )
+    limits = afl.Requirements(settling_time=4.0, max={"z": 1.0})
+    asked = afl.Scenario(name="case", duration=9.0, requirements=limits)
 
     def draw(settles: float | None, z: float) -> Run:
         left = None if settles is None else 1.0 - settles / 4.0
@@ -96,7 +92,5 @@ def test_a_median_is_of_all_draws_also_of_those_that_have_no_number() -> None:
     never = [draw(None, 0.5)] * 4
     assert told(*never, *[draw(2.0, 0.25)] * 3) == ["0.5 (50 %)", "never 3 of 7"]
     assert told(*never, *[draw(2.0, 0.25)] * 5) == ["0.25 (75 %)", "2 (50 %) 5 of 9"]
-    assert (middle([None, 0.3, 0.5], -math.inf), middle([None, None, 0.5], -math.inf)) == (
-        0.3,
-        None,
-    )
+    found = [middle(x, -math.inf) for x in ([None, 0.3, 0.5], [None, None, 0.5])]
+    assert found == [0.3, None]

@@ -66,8 +66,7 @@ def test_a_mistake_has_its_name_or_those_that_look_alike(old, new, said) -> None
     space: dict = {"np": np}
     exec(source.replace(old, new), space)
     headline = afl.check(replace(PLANT, terms=space["terms"]), 50).headline
-    assert said in headline
-    assert "parameters that vary would tell" in headline  # of this plant none does
+    assert said in headline and "parameters that vary would tell" in headline  # here none does
 
 
 def test_check_says_that_gravity_is_compensated_and_a_map_goes_half_a_turn() -> None:
@@ -85,8 +84,8 @@ def test_the_nearest_failure_of_a_scenario_that_fails_is_itself() -> None:
     with open_executor(1) as executor:
         runs = sample([controller], space, 8, 1, DEFAULT)[controller.name]
         assert any(not run.failure for run in runs)
-        found = search_worst(controller, space, runs, 1, Budget(generations=1), DEFAULT, executor)
-    nearest = found[-1]
+        how = (Budget(generations=1), DEFAULT, executor)
+        *_, nearest = search_worst(controller, space, runs, 1, *how)
     assert nearest.run[0].failure and nearest.distance == 0.0
 
 

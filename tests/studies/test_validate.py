@@ -21,24 +21,13 @@ from tests.messages import line
 from tests.study_results import record
 from tests.verification_result import make_result
 
-SHORT = replace(
-    afl.SCENARIOS["step-trapezoid"],
-    name="short",
-    duration=1.2,
-    disturbances=(
-        afl.ForcePulse(force=-10.0, start=0.5, duration=0.1),
-        afl.Impulse(momentum=-1.0, time=0.8),
-    ),
-)
-USED = [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]
+PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
+HITS = {"disturbances": (PULSE, afl.Impulse(momentum=-1.0, time=0.8))}
+SHORT = replace(afl.SCENARIOS["step-trapezoid"], name="short", duration=1.2, **HITS)
 
 
-@pytest.fixture(scope="module")
-def short() -> Result:
-    return run(Request([SHORT], USED))
-
-
-def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Result) -> None:
+def test_every_check_holds_on_a_short_scenario_with_everything_in_it() -> None:
+    short = run(Request([SHORT], [afl.CONTROLLERS[name] for name in ("fixed", "adaptive")]))
     assert short.failed_checks == [] and short.passed
     once, each = ("A1", "A2", "A3", "A7", "A7z"), ("A5", "B1", "B2", "B2b", "B3", "B5")
     pairs = [*product(["any"], once), *product(("fixed", "adaptive"), each)]
@@ -49,10 +38,10 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it(short: Resu
     assert rows == [("fixed", ""), ("adaptive", "")]
     assert list(short.curves) == ["short/fixed", "short/adaptive"]
     for name, (time, states) in short.curves.items():
-        run = afl.simulate_mujoco(SHORT, name.split("/")[1])
-        kept = np.searchsorted(run.time, time - 1e-9)
-        np.testing.assert_array_equal(states, run.state[kept])
-        assert time[0] == 0.0 and time[-1] == run.time[-1] and np.diff(time).max() < 0.021
+        one = afl.simulate_mujoco(SHORT, name.split("/")[1])
+        kept = np.searchsorted(one.time, time - 1e-9)
+        np.testing.assert_array_equal(states, one.state[kept])
+        assert time[0] == 0.0 and time[-1] == one.time[-1] and np.diff(time).max() < 0.021
     assert short.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
     assert short.omissions == short.claims == ()
 
@@ -63,20 +52,6 @@ def matrix(result: Result, caption: str) -> list[list[Cell]]:
     return found.cells
 
 
-def missed(failure: str = "fell") -> Row:
-    whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
-    return Row(
-        scenario="step-step",
-        controller="adaptive",
-        outcome=failure,
-        failure=failure,
-        settled=False,
-        time=0.7,
-        metrics=dict.fromkeys(columns_of(CART_POLE)),
-        requirements=(whole,),
-    )
-
-
 def test_the_headline_says_whether_the_codes_agree_and_what_became_of_the_claims() -> None:
     assert report(make_result(full=False)).headline == "CODES AGREE 22/22"
     found = report(make_result())
@@ -84,10 +59,8 @@ def test_the_headline_says_whether_the_codes_agree_and_what_became_of_the_claims
     said = "CODES AGREE 22/22; of the paper's 12 claims 4 hold, 4 not, 2 in part, 2 open"
     assert found.headline == said
     wrong = report(make_result(b3=3.4e-7))
-    assert not wrong.passed
-    assert wrong.headline.startswith(
-        "CODES DIFFER, 18/22 checks hold: B3 3.4×10⁻⁷ > 10⁻⁸ on step-step with fixed; of the "
-    )
+    said = "CODES DIFFER, 18/22 checks hold: B3 3.4×10⁻⁷ > 10⁻⁸ on step-step with fixed; of the "
+    assert not wrong.passed and wrong.headline.startswith(said)
     assert "B3 none > 10⁻⁸" in report(make_result(b3=None)).headline and verdict_of(()) == "fail"
     assert not report(replace(make_result(), checks=(), verdict="fail")).passed
 
@@ -103,11 +76,15 @@ def test_a_verdict_on_two_codes_does_not_hide_that_the_pole_fell() -> None:
 
 
 def test_a_requirement_that_is_missed_fails_and_is_shown() -> None:
-    checks, rows = make_result().checks, (missed(),)
-    result = replace(make_result(full=False), rows=rows, verdict=verdict_of(checks, rows))
+    whole = Judgement(requirement="completes", limit=2.0, value=0.7, margin=-0.65)
+    fell = {"outcome": "fell", "failure": "fell", "settled": False, "time": 0.7}
+    row = Row(scenario="step-step", controller="adaptive", requirements=(whole,), **fell,
+              metrics=dict.fromkeys(columns_of(CART_POLE)))  # fmt: skip
+    verdict = verdict_of(make_result().checks, (row,))
+    result = replace(make_result(full=False), rows=(row,), verdict=verdict)
     found = report(result)
     assert not found.passed and result.verdict == "fail"
-    assert found.headline == ("CODES AGREE 22/22; 1 of 1 runs fail: adaptive on step-step falls")
+    assert found.headline == "1 of 1 runs fail: adaptive on step-step falls; CODES AGREE 22/22"
     assert isinstance(found.blocks[0], Matrix) and "step-step" in found.blocks[0].caption
     assert not isinstance(report(make_result()).blocks[0], Matrix)
     with pytest.raises(ValueError, match="verdict must be 'fail'"):
@@ -147,35 +124,25 @@ def test_report_json_has_its_public_form(b3: float | None, verdict: str, tmp_pat
     data = json.loads(path.read_text())
     assert data["schema"] == 1 and data["verdict"] == verdict
     assert {"afl_mujoco", "mujoco", "python"} <= set(data["versions"])
-    assert set(data["checks"][0]) == {
-        "id", "scenario", "controller", "quantity", "unit", "value", "limit", "comparison",
-        "passed", "reason",
-    }  # fmt: skip
+    keys = "id scenario controller quantity unit value limit comparison passed reason".split()
+    assert set(data["checks"][0]) == {*keys}
     assert set(data["runs"][0]) == {"scenario", "controller", "simulator", "outcome", "metrics"}
     assert data["runs"][0]["metrics"]["settling_2pc_phi"] is None
     assert {"id", "paper", "here", "verdict", "why"} <= set(data["claims"][2])
 
 
-GONE = object()
-BROKEN = (
-    (("verdict",), "fail", "verdict must be 'pass'"), (("scenarios", 1), GONE, "scenarios must be"),
-    (("curves",), {}, "curves must hold"),
-    (("checks", 0, "value"), GONE, "checks[0].value is missing"),
-    (("checks", 0, "value"), 5.0, "passed must follow from value and limit"),
-    (("runs",), [], "scenarios must be those of the runs"), (("schema",), 7, "schema 1"),
-)  # fmt: skip
-
-
-@pytest.mark.parametrize(("place", "value", "words"), BROKEN)
-def test_a_report_that_would_mislead_is_refused_in_one_line(place, value, words, tmp_path) -> None:
+@pytest.mark.parametrize(("spoil", "words"), [
+    (lambda x: x.update(verdict="fail"), "verdict must be 'pass'"),
+    (lambda x: x["scenarios"].pop(1), "scenarios must be"),
+    (lambda x: x.update(curves={}), "curves must hold"),
+    (lambda x: x["checks"][0].pop("value"), "checks[0].value is missing"),
+    (lambda x: x["checks"][0].update(value=5.0), "passed must follow from value and limit"),
+    (lambda x: x.update(runs=[]), "scenarios must be those of the runs"),
+    (lambda x: x.update(schema=7), "schema 1"),
+], ids=lambda x: x if isinstance(x, str) else "")  # fmt: skip
+def test_a_report_that_would_mislead_is_refused_in_one_line(spoil, words, tmp_path) -> None:
     path = write(make_result(), tmp_path)
-    data = inner = json.loads(path.read_text())
-    for key in place[:-1]:
-        inner = inner[key]
-    if value is GONE:
-        del inner[place[-1]]
-    else:
-        inner[place[-1]] = value
+    spoil(data := json.loads(path.read_text()))
     path.write_text(json.dumps(data))
     said = line(..., "report.json", ..., words, ..., "run afl-mujoco validate")
     with pytest.raises(FileError, match=said):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report
@@ -28,16 +27,12 @@ class Options:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """How many throws, and scenarios that only give their names."""
-
     scenarios: tuple[Any, ...]
     throws: int
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """All throws, as an array."""
-
     scenarios: tuple[str, ...]
     eyes: Array
 
@@ -64,25 +59,18 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
 
 def report(result: Result) -> Report:
     """Return what is shown of the dice."""
-    rows = [(str(i), Cell(str(x), "good" if x == 6 else "")) for i, x in enumerate(result.eyes)]
-    title = f"{len(result.eyes)} throws"
-    return Report(
-        headline=f"The mean is {result.eyes.mean():.2f}.",
-        blocks=(
-            "*Fair* dice.",
-            Matrix(caption="Every throw", columns=("Throw", "Eyes"), rows=rows),
-            Figure(name="dice", title=title, draw=partial(_draw, result.eyes)),
-        ),
-    )
-
-
-def _draw(eyes: Any) -> Any:
-    """Draw the eyes."""
     from afl_mujoco.report.figures import new_figure
 
-    figure = new_figure(3.0, 2.0)
-    figure.subplots().plot(eyes)
-    return figure
+    def draw() -> Any:
+        figure = new_figure(3.0, 2.0)
+        figure.subplots().plot(result.eyes)
+        return figure
+
+    rows = [(str(i), Cell(str(x), "good" if x == 6 else "")) for i, x in enumerate(result.eyes)]
+    every = Matrix(caption="Every throw", columns=("Throw", "Eyes"), rows=rows)
+    figure = Figure(name="dice", title=f"{len(result.eyes)} throws", draw=draw)
+    headline = f"The mean is {result.eyes.mean():.2f}."
+    return Report(headline=headline, blocks=("*Fair* dice.", every, figure))
 
 
 STUDY = Study(module=__name__, name="dice", title="Dice", order=99, schema=1)

@@ -9,18 +9,15 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import Plant
 from afl_mujoco.studies.shared.arrays import packed, unpacked
 from afl_mujoco.studies.validate import Options, Request, Result, prepare, report, run
 from afl_mujoco.studies.verify.any_plant import judge
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
+from tests.plants.plants import EXAMPLES, OWN, known
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 LQR = afl.CONTROLLERS["lqr"]
-QUADROTOR, PENDULA, DOUBLE = (
-    load_plant(f"{EXAMPLES}/{name}.py:plant")
-    for name in ("quadrotor_load", "cart_double_pendulum", "double_pendulum")
-)
+PENDULA, QUADROTOR, DOUBLE = (known(f"{name}.py:plant") for name in OWN)
 STARTS = {
     "quadrotor-load": {
         "initial_state": {"x": -0.3, "cable": 0.2},
@@ -116,9 +113,8 @@ def test_the_order_of_a_loop_that_is_fast_is_seen_at_shorter_periods() -> None:
         model='<mujoco><worldbody><body><joint name="x" type="slide"/><geom size=".1" mass="1"/>'
         '</body></worldbody><actuator><motor name="f" joint="x"/></actuator></mujoco>',
     )  # fmt: skip
-    stiff = PythonController(
-        name="stiff", plant=fast, function=lambda t, x, b: -2.25e6 * x[0] - 1800.0 * x[1]
-    )
+    follow = {"plant": fast, "function": lambda t, x, b: -2.25e6 * x[0] - 1800.0 * x[1]}
+    stiff = PythonController(name="stiff", **follow)
     scenario = scenario_of(fast, initial_state={"x": 1e-3}, duration=0.2)
     (check,) = [one for one in judge((scenario, stiff, Settings())).checks if one.id == "B4f"]
     assert check.passed and check.value > 0.0
@@ -146,12 +142,8 @@ def test_the_command_writes_a_report_and_a_page(tmp_path, command_line):
 @pytest.mark.slow
 def test_a_full_verification_says_what_a_run_s_difference_consists_of(tmp_path: Path) -> None:
     load = {"load": afl.staircase((0.5015,), (0.02, 0.3))}
-    scenario = scenario_of(
-        QUADROTOR,
-        duration=1.0,
-        schedule=load,
-        disturbances=(afl.ForcePulse(force=1.0, start=0.2, duration=0.1037, coordinate="x"),),
-    )
+    push = afl.ForcePulse(force=1.0, start=0.2, duration=0.1037, coordinate="x")
+    scenario = scenario_of(QUADROTOR, duration=1.0, schedule=load, disturbances=(push,))
     found = run(Request([scenario], [LQR], Settings(full=True)))
     (budget,) = found.error_budgets
     at = budget.at_worst

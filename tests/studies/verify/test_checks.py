@@ -35,12 +35,8 @@ def test_states_are_drawn_all_over_the_space(monkeypatch, check, count, each, an
     assert np.all(np.min(here, axis=0) < -RIGHT * ends) and np.all(np.abs(here) <= ends)
 
 
-@pytest.mark.parametrize("value", [math.nan, math.inf, 1.1e-9], ids=["nan", "inf", "above"])
-def test_a_value_that_is_not_below_the_limit_fails(value: float) -> None:
-    assert not CRITERIA["B1"].judge(value).passed
-
-
 def test_runs_that_cannot_be_compared_are_far_apart_and_falls_are_until_they_lie() -> None:
+    assert not any(CRITERIA["B1"].judge(value).passed for value in (math.nan, math.inf, 1.1e-9))
     run = afl.simulate_ode(SHORT, FIXED)
     coarse = afl.simulate_ode(SHORT, FIXED, sample_period=2e-3)
     fallen = dataclasses.replace(SHORT, initial_state=(0.0, -1.6, 0.0, 0.0))
@@ -49,7 +45,6 @@ def test_runs_that_cannot_be_compared_are_far_apart_and_falls_are_until_they_lie
     fell = dataclasses.replace(run, outcome=afl.Outcome("fell", 1.0))
     for pair in ((at_once, at_once), (run, fell), (run, coarse)):
         assert checks.state_difference(*pair) == math.inf
-    run = afl.simulate_ode(SHORT, FIXED)
     fell = dataclasses.replace(run, outcome=afl.Outcome("fell", float(run.time[-1])))
     shifted = fell.state.copy()
     shifted[:, 0] += np.where(np.abs(shifted[:, 1]) > 0.9, 1e-3, 0.0)  # where it has tipped far
@@ -73,9 +68,7 @@ def test_b1_sees_a_heavier_cart_and_a5_and_b3_a_schedule_half_a_step_late() -> N
     assert passed == {"A5": False, "B1": True, "B2": True, "B2b": True, "B3": False}
 
 
-def test_a1_sees_an_inertia_a_millionth_off_and_a3_a_field_that_was_not_mutated(
-    monkeypatch,
-) -> None:
+def test_a1_sees_an_inertia_a_millionth_off_and_a3_a_field_that_was_not_mutated(monkeypatch):
     rows, write = SimulatedModel.rows, SimulatedModel.write
 
     def inflated(model: SimulatedModel, values: np.ndarray) -> np.ndarray:
@@ -101,9 +94,8 @@ def test_a1_sees_an_inertia_a_millionth_off_and_a3_a_field_that_was_not_mutated(
 def test_every_reference_check_holds_and_imperfections_make_constraints_act() -> None:
     model = afl.CartPoleModel(afl.CartPoleParameters(), edit=checks.add_passive_physics)
     checks._qacc(model.mj_model, model.mj_data, np.array([1.5, 2.0, 0.0, 0.0]))
-    kinds = set(model.mj_data.efc_type.tolist())
-    assert model.mj_data.ncon > 0
-    assert len(kinds) >= 3  # friction loss, joint limit, contact
+    kinds = set(model.mj_data.efc_type.tolist())  # friction loss, joint limit, contact
+    assert model.mj_data.ncon > 0 and len(kinds) >= 3
     found = checks.reference_checks()
     assert [check.id for check in found] == ["A4", "A4e", "A8", "A8m", "A8x", "A10"]
     assert all(check.passed for check in found)

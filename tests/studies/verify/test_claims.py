@@ -16,11 +16,9 @@ SCALES = ObjectiveScales(iae_z=20.9, iae_phi=1.53, max_force=96.1)
 
 
 def figures(objective: float | None, overshoot: float = 1.0, settling: float | None = 5.0) -> dict:
-    return {
-        "objective": objective,
-        **{f"overshoot_{x}": overshoot for x in CART_POLE.states},
-        **{f"settling_2pc_{x}": settling for x in CART_POLE.states},
-    }
+    found = {"overshoot": overshoot, "settling_2pc": settling}
+    measured = {f"{name}_{x}": value for name, value in found.items() for x in CART_POLE.states}
+    return {"objective": objective, **measured}
 
 
 def as_published() -> dict:

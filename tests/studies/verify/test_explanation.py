@@ -14,11 +14,9 @@ from afl_mujoco.studies.verify.convergence import STEPS, Study, sampled_study
 from tests.feedback import feedback
 
 PULSE = afl.ForcePulse(force=-10.0, start=0.5, duration=0.1)
-SHORT = dataclasses.replace(
-    afl.SCENARIOS["step-trapezoid"].with_schedule(cart_mass=afl.staircase((0.305,), (0.5, 1.0))),
-    duration=2.0,
-    disturbances=(PULSE, afl.Impulse(momentum=0.3, time=0.7)),
-)
+STEP = afl.SCENARIOS["step-trapezoid"].with_schedule(cart_mass=afl.staircase((0.305,), (0.5, 1.0)))
+HITS = (PULSE, afl.Impulse(momentum=0.3, time=0.7))
+SHORT = dataclasses.replace(STEP, duration=2.0, disturbances=HITS)
 ADAPTIVE = afl.CONTROLLERS["adaptive"]
 
 
@@ -73,16 +71,12 @@ def test_the_plateau_check_fails_on_a_match_and_a_run_that_fell_is_not_explained
     assert explanation.explain(SHORT, ADAPTIVE, fallen, full=True) == ((), None, None)
 
 
-NOTHING = feedback(0.0, 0.0, 0.0, 0.0)
-GLIDING = dataclasses.replace(
-    afl.SCENARIOS["nominal"].with_schedule(cart_mass=afl.staircase((0.101,), (0.5, 1.0))),
-    initial_state=(0.0, 0.0, 2.0, 0.0),
-    duration=0.4,
-)
-
-
 def test_a_breakpoint_off_the_largest_step_is_no_instant_of_a_sampled_study():
-    reference = afl.simulate_ode(GLIDING, NOTHING, sample_period=STEPS[0])
+    start = {"initial_state": (0.0, 0.0, 2.0, 0.0), "duration": 0.4}
+    gliding = dataclasses.replace(afl.SCENARIOS["nominal"], **start)
+    gliding = gliding.with_schedule(cart_mass=afl.staircase((0.101,), (0.5, 1.0)))
+    nothing = feedback(0.0, 0.0, 0.0, 0.0)
+    reference = afl.simulate_ode(gliding, nothing, sample_period=STEPS[0])
     assert 0.101 in reference.time.tolist()
-    study, residue = sampled_study(GLIDING, NOTHING, reference)
+    study, residue = sampled_study(gliding, nothing, reference)
     assert max(*study.errors, residue) < 1e-9

@@ -34,8 +34,8 @@ class SecondEngine:
     The inertias are set as numbers, because MJCF text would round them to six digits.
     """
 
-    def __init__(self, file="cartpole.xml"):
-        self.model = pin.buildModelFromMJCF(str(model_file(file)))
+    def __init__(self):
+        self.model = pin.buildModelFromMJCF(str(model_file("cartpole.xml")))
         self.data = self.model.createData()
 
     def set_parameters(self, p):
@@ -58,16 +58,12 @@ class SecondEngine:
         return pin.computeMechanicalEnergy(self.model, self.data, state[:2], state[2:])
 
 
-@pytest.fixture
-def second():
-    return SecondEngine()
-
-
 def assert_near(actual, expected) -> None:
     assert np.max(np.abs(actual - expected) / (1.0 + np.abs(expected))) <= TOLERANCE
 
 
-def test_mujoco_and_the_paper_move_as_the_second_engine_does(second, rng):
+def test_mujoco_and_the_paper_move_as_the_second_engine_does(rng):
+    second = SecondEngine()
     cart_pole, matrix = CartPoleModel(CartPoleParameters()), np.empty((2, 2))
     model, data = cart_pole.mj_model, cart_pole.mj_data
     for _ in range(STATES):
@@ -87,9 +83,9 @@ def test_mujoco_and_the_paper_move_as_the_second_engine_does(second, rng):
         assert_near(total_energy(state, p), second.energy(state))
 
 
-def test_the_mjcf_as_it_stands_moves_alike_in_both_engines(second, rng):
+def test_the_mjcf_as_it_stands_moves_alike_in_both_engines(rng):
     model = mujoco.MjModel.from_xml_path(str(model_file("cartpole.xml")))
-    data = mujoco.MjData(model)
+    data, second = mujoco.MjData(model), SecondEngine()
     for _ in range(STATES):
         state, force = rng.uniform(-1.0, 1.0, 4) * SCALE, rng.uniform(-200.0, 200.0)
         data.qpos, data.qvel, data.ctrl = state[:2], state[2:], force
