@@ -38,21 +38,15 @@ def odd_scenario():
 
     Every breakpoint lies off the 1, 2 and 5 ms grids.
     """
-    return afl.Scenario(
-        name="odd",
-        schedule={
-            "cart_mass": afl.staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
-            "half_length": afl.piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
-            "pole_mass": 0.083,
-            "gravity": 9.65,
-        },
-        disturbances=(
-            afl.ForcePulse(force=-7.0, start=0.2511, duration=0.0333),
-            afl.Impulse(momentum=0.21, time=0.5207),
-        ),
-        initial_state=(0.11, -0.62, 0.05, 0.4),
-        duration=0.8,
-    )
+    pulse = afl.ForcePulse(force=-7.0, start=0.2511, duration=0.0333)
+    schedule = {
+        "cart_mass": afl.staircase((0.1507, 0.4003), (0.7, 1.6, 1.1)),
+        "half_length": afl.piecewise_linear((0.0503, 0.6009), (0.35, 0.62)),
+        **{"pole_mass": 0.083, "gravity": 9.65},
+    }
+    hits = {"disturbances": (pulse, afl.Impulse(momentum=0.21, time=0.5207))}
+    start = (0.11, -0.62, 0.05, 0.4)
+    return afl.Scenario(name="odd", schedule=schedule, initial_state=start, duration=0.8, **hits)
 
 
 @pytest.fixture

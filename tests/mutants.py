@@ -89,8 +89,6 @@ FOLDERS = (
 )
 """Tests of what is computed."""
 
-OF_REPOSITORY = ("tests/studies/test_contract.py",)  # what is in it, which a copy has not all of
-
 QUICK = ("-m", "not slow")
 LIKELY = 6  # test files that run first, at most
 LIKELY_LIMIT = 300.0  # [s] for them
@@ -236,7 +234,8 @@ class Tests:
 
     @cached_property
     def files(self) -> list[str]:
-        found = [x for x in files_of([f"tests/{x}" for x in FOLDERS]) if x not in OF_REPOSITORY]
+        found = files_of([f"tests/{x}" for x in FOLDERS])
+        found.remove("tests/studies/test_contract.py")  # of the repository, which a copy is not
         return sorted(found, key=lambda name: LATE.index(name) if name in LATE else -1)
 
     @cached_property

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 COMMAND = (sys.executable, "-m", "afl_mujoco")
@@ -25,19 +24,17 @@ def without_progress(said: str) -> str:
     return re.sub(r"^.+: \d+ of \d+\n", "", said, flags=re.MULTILINE)
 
 
-def interrupt(*arguments: str, cwd: Path, once: Callable[[], object], after: float = 0.0) -> None:
+def interrupt(*arguments, cwd: Path, once, after=0.0, command=COMMAND, name="afl-mujoco") -> None:
     """Start a command and press Ctrl-C some time [s] after something has come true.
 
     It must end as every command does then: exit code 130, one line, and nothing on stdout.
     """
-    process = subprocess.Popen(
-        [*COMMAND, *arguments], cwd=cwd, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        start_new_session=True,
-    )  # fmt: skip
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    process = subprocess.Popen([*command, *arguments], cwd=cwd, start_new_session=True, **pipes)
     while not once():
         time.sleep(0.02)
         assert process.poll() is None, process.communicate()
     time.sleep(after)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output, errors) == (130, "", "afl-mujoco: interrupted\n")
+    assert (process.returncode, output, errors) == (130, "", f"{name}: interrupted\n")

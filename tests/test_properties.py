@@ -21,13 +21,8 @@ HALF_LENGTH = st.floats(0.05, 1.0)
 POLE_MASS = st.floats(0.01, 0.5)
 STATES = st.tuples(st.floats(-3, 3), st.floats(-1.4, 1.4), st.floats(-5, 5), st.floats(-6, 6))
 CONTROLLERS = ("fixed", "adaptive", "fixed-nominal")
-PLANTS = st.builds(
-    afl.CartPoleParameters,
-    cart_mass=CART_MASS,
-    pole_mass=POLE_MASS,
-    half_length=HALF_LENGTH,
-    gravity=st.floats(1.0, 25.0),
-)
+KNOWN = {"cart_mass": CART_MASS, "pole_mass": POLE_MASS, "half_length": HALF_LENGTH}
+PLANTS = st.builds(afl.CartPoleParameters, **KNOWN, gravity=st.floats(1.0, 25.0))
 
 
 def inputs_for(controller: str, p: afl.CartPoleParameters) -> np.ndarray:
@@ -87,18 +82,12 @@ def scenarios(draw: st.DrawFn) -> afl.Scenario:
     )
     instants = st.floats(0.0, end, exclude_max=True)
     hits = st.builds(afl.Impulse, momentum=st.floats(-1.0, 1.0), time=instants)
-    angle = math.radians(75)
-    return afl.Scenario(
-        name="any",
-        schedule={
-            "cart_mass": draw(schedules(CART_MASS, end)),
-            "half_length": draw(schedules(HALF_LENGTH, end)),
-            "pole_mass": draw(POLE_MASS),
-        },
-        disturbances=draw(st.lists(st.one_of(pulses, hits), max_size=2)),
-        initial_state=draw(st.tuples(*(st.floats(-x, x) for x in (1.0, angle, 1.0, 1.0)))),
-        duration=end,
-    )
+    course = {name: draw(schedules(KNOWN[name], end)) for name in ("cart_mass", "half_length")}
+    course["pole_mass"] = draw(POLE_MASS)
+    found = draw(st.lists(st.one_of(pulses, hits), max_size=2))
+    start = draw(st.tuples(*(st.floats(-x, x) for x in (1.0, math.radians(75), 1.0, 1.0))))
+    what = {"disturbances": found, "initial_state": start, "schedule": course}
+    return afl.Scenario(name="any", duration=end, **what)
 
 
 # At 1 ms RK4 itself is not stable under a controller that takes a 0.1 kg cart for 1 kg, and off by
@@ -126,13 +115,10 @@ def test_any_scenario_goes_the_same_way_in_both_simulators(controller, scenario)
 @pytest.mark.parametrize("controller", CONTROLLERS)
 @pytest.mark.parametrize("angle", [1.45, -1.55], ids=str)
 def test_a_scenario_that_ends_early_ends_alike_in_both_simulators(controller, angle) -> None:
-    scenario = afl.Scenario(
-        name="falling",
-        schedule={"half_length": afl.constant(0.15)},
-        disturbances=(afl.Impulse(momentum=-60.0 * math.copysign(1, angle), time=0.0107),),
-        initial_state=(0.0, angle, 0.0, math.copysign(1.0, angle)),
-        duration=1.0,
-    )
+    way = math.copysign(1.0, angle)
+    hit = {"disturbances": (afl.Impulse(momentum=-60.0 * way, time=0.0107),)}
+    what = {"schedule": {"half_length": 0.15}, "initial_state": (0.0, angle, 0.0, way)}
+    scenario = afl.Scenario(name="falling", duration=1.0, **what, **hit)
     runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
     outcomes = {run.outcome.kind for run in runs.values()}
     assert outcomes in ({"fell"}, {"diverged"})

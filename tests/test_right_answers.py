@@ -28,11 +28,8 @@ def test_a_jump_one_rounding_after_a_tick_is_learned_at_the_tick() -> None:
 
 
 def test_a_joined_schedule_jumps_at_the_instant_that_its_pieces_say(tmp_path: Path) -> None:
-    head = (
-        "duration = 2.0\ninitial_state = [0.0, 0.15, 0.0, 0.0]\n"
-        "[imperfections]\ncontrol_period = 0.02\n"
-        "[schedule]\npole_mass = 0.2\nhalf_length = 0.3\ncart_mass = "
-    )
+    head = "duration = 2.0\ninitial_state = [0, 0.15, 0, 0]\nimperfections.control_period = 0.02\n"
+    head += "[schedule]\npole_mass = 0.2\nhalf_length = 0.3\ncart_mass = "
     piece = "{shape = 'staircase', times = [0.2], values = [8.0, 1.0]}"
     joined = f"{{shape = 'joined', starts = [0.0, 0.1], pieces = [8.0, {piece}]}}"
     (tmp_path / "joined.toml").write_text(head + joined)
@@ -182,10 +179,8 @@ def test_nominal_is_what_the_scenario_has_at_the_start_before_anything_is_drawn(
 
 def test_validate_compares_the_ideal_part_and_judges_a_deployed_run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    Path("rig.toml").write_text(
-        "duration = 2.0\ninitial_state = [0, 0.1, 0, 0]\n[imperfections]\ndelay = 0.3\n"
-        "control_period = 0.01\n"
-    )
+    hardware = "imperfections = {delay = 0.3, control_period = 0.01}\n"
+    Path("rig.toml").write_text(f"duration = 2.0\ninitial_state = [0, 0.1, 0, 0]\n{hardware}")
     arguments = ("validate", "rig.toml", "--controllers", "lqr", "--no-page", "--workers", "1")
     assert main([*arguments, "--out", "out"]) == 1
     report = json.loads(Path("out/report.json").read_text())

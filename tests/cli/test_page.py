@@ -97,12 +97,13 @@ def test_a_verification_that_fails_says_so_first_and_without_one_there_is_no_ver
 
 
 def test_a_record_says_which_scenarios_and_controllers_it_is_of() -> None:
+    own = {"scenario": "laboratory", "controllers": ("lqr",)}
     for name, options, scenarios, controllers in (
         ("validate", {"scenarios": ("nominal",)}, ["nominal"], PAPER),
         ("compare", {}, ["step-step"], ["adaptive", "lqr"]),
-        ("margins", {"scenario": "laboratory", "controllers": ("lqr",)}, ["laboratory"], ["lqr"]),
-        ("estimation", {"controller": "adaptive-retuned"}, CASES, ["adaptive-retuned"]),
         ("montecarlo", {}, ["laboratory"], ["adaptive", "lqr"]),
+        ("margins", own, ["laboratory"], ["lqr"]),
+        ("estimation", {"controller": "adaptive-retuned"}, CASES, ["adaptive-retuned"]),
     ):
         study = find_study(name)
         found = inputs_of(study.parts.prepare(study.parts.Options(**options)))

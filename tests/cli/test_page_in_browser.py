@@ -42,13 +42,10 @@ from selenium.webdriver.support.wait import WebDriverWait  # noqa: E402
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page with a film that went away after the page was made."""
     films = tmp_path_factory.mktemp("rend ers & more")
-    folder = films / "validation"
-    folder.mkdir()
-    film = films / "gone.mp4"
-    film.write_bytes(b"film")
+    (folder := films / "validation").mkdir()
+    (film := films / "gone.mp4").write_bytes(b"film")
     write_listing(films, film_entry(film.name))
-    study_results.write_records(folder)
-    path = write_page(folder, films)
+    path = write_page(study_results.write_records(folder), films)
     film.unlink()
     return path
 
@@ -138,14 +135,12 @@ def test_nothing_sticks_out_sideways(opened: webdriver.Chrome, width: int) -> No
     opened.execute_script("document.querySelectorAll('details').forEach(d => d.open = true)")
     replay(opened)
     wait(opened, "document.documentElement.scrollWidth <= arguments[0]", width)
-    cut = ask(
-        opened,
+    beyond = (
         "[...document.querySelectorAll('main p, main h1, main h2, main dd, main li, main button')]"
         ".filter(e => e.checkVisibility() && !e.closest('.scroll, .canvas') && "
-        "e.getBoundingClientRect().right > arguments[0] + 1).map(e => e.textContent)",
-        width,
+        "e.getBoundingClientRect().right > arguments[0] + 1).map(e => e.textContent)"
     )
-    assert cut == []
+    assert ask(opened, beyond, width) == []
 
 
 def test_the_slider_moves_the_picture_of_each_controller(opened: webdriver.Chrome) -> None:

@@ -1,3 +1,4 @@
+from afl_mujoco import __version__
 from afl_mujoco.cli import terminal
 from afl_mujoco.studies.check import Options
 
@@ -12,8 +13,6 @@ def test_without_a_terminal_progress_is_a_line_now_and_then(monkeypatch, capsys)
 
 
 def test_the_version_is_the_package_s_and_nothing_is_meant_by_another_option(command_line) -> None:
-    from afl_mujoco import __version__
-
     assert command_line("--version") == (0, f"afl-mujoco {__version__}\n", "")
     assert "did you mean" not in command_line("report", "--out", "x")[2]
 

@@ -171,8 +171,7 @@ def test_a_controller_that_does_not_return_or_answers_late_is_stopped(function):
 class SlowAtFirst:
     """Takes long for its first call, as a function that is compiled then, or a network loaded."""
 
-    def __init__(self, seconds=0.15):
-        self.seconds = seconds
+    seconds = 0.15
 
     def __call__(self, time, state, belief):
         clock.sleep(self.seconds)
@@ -308,24 +307,20 @@ def test_what_outlives_a_run_is_remarked_on(smooth_scenario, module):
     assert any(one.startswith(said) for one in remarks)
 
 
-LOADED = {
-    "no_such_module:f": ("x = 1", "must be in a module that is installed or in "),
-    "m:needs": ("import nowhere_at_all", "needs a module: No module named 'nowhere_at_all'"),
-    "m:syntax": ("def f(:", "cannot be imported: SyntaxError: "),
-    "m:leaves": ("raise GeneratorExit('k')", "cannot be imported: GeneratorExit: k"),
-    "m:lacks": ("x = 1", "which has no 'lacks'"),
-    "m:number": ("number = 1", "must be callable, got 1"),
-    "m:made": ("def made(): return 3.0", "must be callable, got 3.0"),
-    "m:Needy": ("class Needy:\n def __init__(self, gain): pass", "cannot be started: TypeError"),
-    "m:two": ("def two(t, x): return 0.0", "must take (time, state, belief): "),
-    **dict.fromkeys(("m:", "m:x-estimated", "../m.py:f"),
-                    ("x = 1", "must be module:attribute, or FILE.py:NAME below this folder")),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("spec", LOADED)
-def test_what_cannot_be_loaded_is_answered_in_one_line(spec, module):
-    text, said = LOADED[spec]
+@pytest.mark.parametrize(("spec", "text", "said"), [
+    ("no_such_module:f", "x = 1", "must be in a module that is installed or in "),
+    ("m:needs", "import nowhere_at_all", "needs a module: No module named 'nowhere_at_all'"),
+    ("m:syntax", "def f(:", "cannot be imported: SyntaxError: "),
+    ("m:leaves", "raise GeneratorExit('k')", "cannot be imported: GeneratorExit: k"),
+    ("m:lacks", "x = 1", "which has no 'lacks'"),
+    ("m:number", "number = 1", "must be callable, got 1"),
+    ("m:made", "def made(): return 3.0", "must be callable, got 3.0"),
+    ("m:Needy", "class Needy:\n def __init__(self, gain): pass", "cannot be started: TypeError"),
+    ("m:two", "def two(t, x): return 0.0", "must take (time, state, belief): "),
+    *((spec, "x = 1", "must be module:attribute, or FILE.py:NAME below this folder")
+      for spec in ("m:", "m:x-estimated", "../m.py:f")),
+])  # fmt: skip
+def test_what_cannot_be_loaded_is_answered_in_one_line(spec, text, said, module):
     module("m", text)
     expected = line(f"controller {spec!r} ", ..., said, ...)
     with pytest.raises(InvalidValueError, match=expected):
@@ -393,8 +388,7 @@ def test_what_a_controller_s_arithmetic_warns_of_is_one_line(module, tmp_path):
 
 
 class Integrating:
-    def __init__(self):
-        self.count = 0
+    count = 0
 
     def __call__(self, time, state, belief):
         self.count += 1
@@ -514,11 +508,7 @@ def test_what_remembers_nothing_runs_everywhere_and_is_used_as_it_is(smooth_scen
 
 def test_a_function_of_another_kind_remembers_nothing():
     class Library:
-        @classmethod
-        def push(cls, time, state, belief):
-            return 1.0
-
-        pull = staticmethod(paper)
+        push, pull = classmethod(lambda cls, time, state, belief: 1.0), staticmethod(paper)
 
     kinds = (lru_cache(paper), njit(lambda time, state, belief: 2.0 * state[0]), max, partial(max))
     given = (Library.push, Library().push, Library.pull, *kinds)
@@ -548,16 +538,11 @@ def enclosing():
     return force
 
 
-CACHED = lru_cache(counting)
-WRITING = {
-    "nested": (counting, "COUNT"), "nonlocal": (enclosing(), "last"),
-    "decorated twice, in a partial": (
-        partial(wraps(CACHED)(lambda *arguments: CACHED(*arguments))), "COUNT"),
-    "of a class": (type("Mine", (), {"push": staticmethod(counting)}).push, "COUNT"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize(("given", "name"), WRITING.values(), ids=list(WRITING))
+@pytest.mark.parametrize(("given", "name"), [
+    (counting, "COUNT"), (enclosing(), "last"),
+    (partial(wraps(kept := lru_cache(counting))(lambda *of, kept=kept: kept(*of))), "COUNT"),
+    (type("Mine", (), {"push": staticmethod(counting)}).push, "COUNT"),
+], ids=["nested", "nonlocal", "decorated twice, in a partial", "of a class"])  # fmt: skip
 def test_a_function_that_writes_what_outlives_it_is_refused(smooth_scenario, given, name):
     end = f"(it writes {name!r}, which outlives the call: make it a class)"
     said = line("controller 'mine' is stateful, which ", ..., end)
@@ -581,14 +566,13 @@ act, method = Policy().act, Mine().__call__
 """
 
 
-@pytest.mark.parametrize(("name", "stateful", "answer"), [
-    ("Mine", True, 1.0), ("method", True, 1.0), ("act", False, 2.0),
-])  # fmt: skip
-def test_what_is_loaded_by_name_is_as_new_in_a_worker(module, name, stateful, answer):
+@pytest.mark.parametrize("name", ["Mine", "method", "act"])
+def test_what_is_loaded_by_name_is_as_new_in_a_worker(module, name):
     module("loaded_mine", REMEMBERING)
-    own = afl.find_controller(f"loaded_mine:{name}")
+    own, answer = afl.find_controller(f"loaded_mine:{name}"), 2.0 if name == "act" else 1.0
     for one in (own, own, twin := pickle.loads(pickle.dumps(own)), twin):
-        assert one.stateful == stateful and one.start().command(0.0, STATE, ASSUMED) == answer
+        assert one.start().command(0.0, STATE, ASSUMED) == answer
+        assert one.stateful == (name != "act")
     assert name != "Mine" or twin.describe()["function"] == "loaded_mine.Mine"
 
 

@@ -10,7 +10,7 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -64,19 +64,17 @@ def noted(unit: tuple[Path, int]) -> list[object]:
     return hashed(index)
 
 
-def doomed_once(unit: tuple[Path, int]) -> list[object]:
-    """Kill the worker at the first try of one unit."""
-    result = noted(unit)
-    folder, index = unit
-    if index == VICTIM and tries(folder)[VICTIM] == 1:
-        os.kill(os.getpid(), signal.SIGKILL)
-    return result
-
-
-def doomed_always(unit: int) -> int:
-    if unit == VICTIM:
+def doomed_always(unit: int, dies: bool = True) -> int:
+    if unit == VICTIM and dies:
         os.kill(os.getpid(), signal.SIGKILL)
     return unit
+
+
+def doomed_once(unit: tuple[Path, int]) -> list[object]:
+    """Kill the worker at the first try of one unit."""
+    result, (folder, index) = noted(unit), unit
+    doomed_always(index, tries(folder)[VICTIM] == 1)
+    return result
 
 
 def refused(unit: tuple[Path, int]) -> list[object]:
@@ -96,9 +94,7 @@ def tries(folder: Path) -> Counter[int]:
 
 def kept(file: Path) -> set[int]:
     """Indices of the units that `PROGRAM` has told to be done."""
-    with suppress(FileNotFoundError):
-        return {int(line) for line in file.read_text().splitlines()}
-    return set()
+    return {int(line) for line in file.read_text().splitlines()} if file.exists() else set()
 
 
 def awaited(found: Callable[[], Any]) -> Any:

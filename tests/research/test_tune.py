@@ -1,8 +1,4 @@
-import os
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -10,6 +6,7 @@ import pytest
 from research import tune
 from research.command import run_command
 from research.gain_tuning import GainTable
+from tests.program import interrupt
 
 ROOT = Path(__file__).parents[2]
 SMALL = "--cart-masses 0.5 1.0 --half-lengths 0.5 --population 60 --workers 1".split()
@@ -28,16 +25,10 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path, capsys) 
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     table = (*SMALL, "--generations", "1500")
     tune.main((*table, "--out", str(whole)))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "research.tune", *table, "--out", str(broken)],
-        cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    interrupt(
+        *table, "--out", str(broken), cwd=ROOT, command=(sys.executable, "-m", "research.tune"),
+        name="research", once=lambda: list((broken / "searches" / "checkpoints").glob("*")),
     )  # fmt: skip
-    while not list((broken / "searches" / "checkpoints").glob("*")):
-        time.sleep(0.02)
-        assert process.poll() is None, process.communicate()
-    os.killpg(process.pid, signal.SIGINT)
-    output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output, errors) == (130, "", "research: interrupted\n")
     assert not (broken / "gain_table.json").exists()
 
     capsys.readouterr()
