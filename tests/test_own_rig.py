@@ -42,8 +42,6 @@ class Rig:
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """What a run shows: state and force often within each period, and the commands."""
-
     time: np.ndarray
     state: np.ndarray
     force: np.ndarray

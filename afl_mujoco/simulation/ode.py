@@ -420,7 +420,8 @@ def _carried(trees: Any, values: Floats, rates: Floats, q: Any) -> tuple[Floats,
 
 def _given(trees: Any) -> Any:
     if trees is None:
-        raise InvalidValueError("trees", "must be given where the rate of a parameter enters")
+        rule = "must not enter here: simulate_ode and MuJoCo take it"
+        raise InvalidValueError("rate of a parameter", rule)
     return trees
 
 

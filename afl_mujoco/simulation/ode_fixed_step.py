@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from afl_mujoco.compiled import borrowing_kernel, jitable, kernel
 from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, command
-from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.errors import require_count
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario
@@ -45,7 +45,7 @@ from afl_mujoco.simulation.trajectory import (
     within_limits,
 )
 
-SUBSTEPS = 8
+SUBSTEPS, MOST_SUBSTEPS = 8, 10_000
 """RK4 steps within each held step: their error is some 4000 times below that of a single one."""
 
 _COMPLETED, _FELL, _RUNNING = OUTCOMES.index(COMPLETED), OUTCOMES.index(FELL), -1
@@ -120,13 +120,13 @@ def simulate_ode_held(
     Raises
     ------
     InvalidValueError
-        If the scenario has imperfections, `substeps` is below 1, the step is not positive or does
-        not divide the control period, or the force is not held and the controller has a memory.
+        If the scenario has imperfections or parameters whose rate enters, `substeps` is no number
+        of steps, the step is not positive or does not divide the control period, or the force is
+        not held and the controller has a memory.
     """
     scenario, controller = as_scenario(scenario), as_controller(controller)
     scenario.require_ideal()
-    if substeps < 1:
-        raise InvalidValueError("substeps", "must be at least 1", substeps)
+    substeps = require_count("substeps", substeps, 1, MOST_SUBSTEPS)
     if holds is None:
         period = timestep if control_period is None else control_period
         holds = Holds(control_period=period, schedule=True, disturbance=True)

@@ -53,6 +53,7 @@ from afl_mujoco.studies.verify.explanation import (
     plateau_check,
 )
 from afl_mujoco.studies.verify.report import report as report
+from afl_mujoco.values import require_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,6 +92,7 @@ def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     scenarios = [find_scenario(name) for name in options.scenarios or SCENARIOS]
     controllers = find_controllers(options.controllers, scenarios, PAPER)
+    require_positive("timestep", options.timestep)
     period = options.timestep if options.control_period is None else options.control_period
     settings = Settings(timestep=options.timestep, control_period=period, full=options.full)
     require_runnable(scenarios, controllers, settings)

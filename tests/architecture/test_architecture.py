@@ -47,7 +47,6 @@ def test_what_every_user_waits_for_imports_nothing_heavy_and_is_quick(asked, hea
 
 
 def model_writes(code: str):
-    """Assignments to `….field`, `….field[…]` and `….opt.….field`, in whichever statement."""
     for node in ast.walk(ast.parse(code)):
         if not isinstance(getattr(node, "ctx", None), ast.Store | ast.Del):
             continue
@@ -95,7 +94,6 @@ def test_what_is_installed_is_what_pyproject_allows() -> None:
 
 
 def test_a_commit_has_a_subject_of_at_most_72_characters() -> None:
-    """Of what HEAD has beside the main branch."""
     for main in ("origin/main", "main"):
         asked = ["git", "log", "--no-merges", "--format=%s", f"{main}..HEAD"]
         run = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True)

@@ -59,7 +59,6 @@ def test_bad_arguments_are_one_line_that_names_thing_rule_and_value(folder, refu
 
 
 def test_a_validation_that_fails_exits_with_1_and_names_what_reproduces_it(folder, command_line):
-    """Every option that matters and no other."""
     shutil.copy(folder / "short.toml", folder / "my case.toml")
     (folder / "out").mkdir()
     (folder / "out" / "report.html").write_text("of a run before: it would mislead")

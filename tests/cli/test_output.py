@@ -19,7 +19,6 @@ def folder(tmp_path: Path) -> Path:
 
 
 def shell(folder: Path, redirected: str, *arguments: str, **variables: str) -> tuple[int, str]:
-    """Run a command in a shell that redirects; return its exit code and what stderr got."""
     line = f'exec "$@" {redirected}'
     done = subprocess.run(
         ["sh", "-c", line, "sh", *COMMAND, *arguments], cwd=folder, capture_output=True,

@@ -40,7 +40,6 @@ from selenium.webdriver.support.wait import WebDriverWait  # noqa: E402
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A page with a film that went away after the page was made."""
     films = tmp_path_factory.mktemp("rend ers & more")
     (folder := films / "validation").mkdir()
     (film := films / "gone.mp4").write_bytes(b"film")
@@ -88,7 +87,6 @@ def wait(browser: webdriver.Chrome, script: str, *arguments: Any) -> Any:
 
 
 def replay(browser: webdriver.Chrome) -> WebElement:
-    """Return the first replay of two controllers, drawn."""
     every = browser.find_elements(By.CSS_SELECTOR, ".replay")
     found = next(x for x in every if len(x.find_elements(By.TAG_NAME, "canvas")) == 2)
     browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", found)
@@ -108,7 +106,6 @@ def slide(browser: webdriver.Chrome, found: WebElement, time: float) -> None:
 
 
 def pictures(browser: webdriver.Chrome, found: WebElement) -> list[str]:
-    """Return what the canvases show."""
     shown = "[...arguments[0].querySelectorAll('canvas')].map(c => c.toDataURL())"
     return ask(browser, shown, found)
 

@@ -100,7 +100,6 @@ class Textbook:
 
 @kernel
 def along(memory, settings, measured, forces, dt):
-    """Estimates, velocities and nis after each period of a run, shape (N, 5)."""
     out = np.empty((len(measured), 5))
     for k in range(len(measured)):
         if k == 0:
@@ -195,7 +194,6 @@ def test_its_errors_match_its_covariance_and_its_innovations_theirs():
 
 
 def run_with_truth(mass, length, duration=0.6):
-    """A run of the ODE of a controller that sees the true M and l, the force held for 1 ms."""
     schedule = {"cart_mass": mass, "half_length": length}
     scenario = afl.Scenario(name="run_with_truth", schedule=schedule, duration=duration)
     return afl.simulate_ode_held(scenario, "adaptive", control_period=DT)

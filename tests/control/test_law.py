@@ -73,7 +73,6 @@ def test_a_gain_that_is_not_positive_is_refused(name, value):
 
 
 def _rate(expression):
-    """Differentiate along z'' = u, phi'' = 3/(4l) (g sin phi + u cos phi)."""
     pole = 3 / (4 * length) * (g * sp.sin(phi) + u * sp.cos(phi))
     flow = (z_dot, phi_dot, u, pole)
     return sum(expression.diff(x) * f for x, f in zip(STATE, flow, strict=True))

@@ -423,7 +423,7 @@ def test_memory_is_fresh_in_every_run(smooth_scenario, given):
     assert held.force.tolist() == run.force.tolist()
 
 
-@pytest.mark.parametrize("simulator", SIMULATORS.keys() - {"sampled", "held"})
+@pytest.mark.parametrize("simulator", sorted(SIMULATORS.keys() - {"sampled", "held"}))
 def test_memory_is_refused_where_it_is_undefined(smooth_scenario, simulator):
     for given in STATEFUL.values():
         with pytest.raises(InvalidValueError, match=r"^controller 'mine' is stateful, which "):
@@ -440,8 +440,6 @@ def test_an_instance_that_was_used_before_is_reset_in_each_run(smooth_scenario, 
 
 
 class Locked(Integrating):
-    """Keeps a lock, as a driver or a solver does, which nothing can copy."""
-
     def __init__(self):
         super().__init__()
         self.lock = threading.Lock()

@@ -46,7 +46,6 @@ def segments(stage, renderer, replay, index, path):
 
 
 def seen(stage, renderer, replay) -> np.ndarray:
-    """Return first and last row and column of what moves in any frame, (4,)."""
     found, model = [], stage.model.mj_model
     for index in range(len(replay.time)):
         picture = segments(stage, renderer, replay, index, stage.paths[0])

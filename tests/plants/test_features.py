@@ -14,8 +14,7 @@ ARM = '<joint name="arm" axis="0 1 0"/>'
 MOTOR = '<motor name="torque" joint="arm"/>'
 
 REFUSED = {
-    "contact of bodies 'world' and 'arm' .*contype": (
-        (' contype="0" conaffinity="0"', ""),),
+    "contact of bodies 'world' and 'arm' .*contype": ((' contype="0" conaffinity="0"', ""),),
     "equality constraint .*<equality>": (
         ("</mujoco>", '<equality><joint joint1="arm" joint2="tip"/></equality></mujoco>'),),
     "tendon .*<tendon>": (
@@ -26,8 +25,7 @@ REFUSED = {
         (MOTOR, '<position name="torque" joint="arm" kp="1"/>'),),
     "fluid .*density": (("<worldbody>", '<option density="1.2"/><worldbody>'),),
     "joint 'arm' must be .*: free and ball": ((ARM, '<joint name="arm" type="ball"/>'),),
-    "mocap body .*mocap": (
-        ("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
+    "mocap body .*mocap": (("</worldbody>", '<body name="m" mocap="true"/></worldbody>'),),
     "flex .*deformable": (
         ("</worldbody>",
          '<flexcomp name="f" type="grid" count="2 2 1" mass="1" radius=".01" rigid="true">'

@@ -158,7 +158,6 @@ def found(folder: Path, file: str, *changes: tuple[str, str]) -> str:
 
 @pytest.fixture(autouse=True)
 def own_modules(monkeypatch: pytest.MonkeyPatch, interpreted: None) -> None:
-    """Leave neither modules nor places to look for them behind."""
     monkeypatch.setattr(sys, "path", [*sys.path])
     for name in (CART, QUAD, TWO, PAPER):
         monkeypatch.delitem(sys.modules, name.removesuffix(".py"), raising=False)

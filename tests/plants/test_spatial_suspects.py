@@ -19,7 +19,6 @@ RIGHT = """<mujoco><compiler angle="radian"/><option gravity="0 0 -9.81"/><world
 
 
 def terms_of(text: str):
-    """Return the terms of an MJCF by MuJoCo, as the equations of a plant."""
     model = mujoco.MjModel.from_xml_string(text)
     data, mass = mujoco.MjData(model), np.empty((3, 3))
 

@@ -35,7 +35,6 @@ def of(terms: Terms) -> np.ndarray:
 
 
 def readable(loop: tuple[float, ...], duration: float = 20.0) -> float:
-    """The objective from `simulate_ode`, its peak looked at closely."""
     mass, length, k, slope, layer = loop
     gains = afl.Gains(switching=k, slope=slope, boundary_layer=layer)
     controller = afl.AFLController(name="one", gain_function=afl.GainFunction.constant(gains))

@@ -30,7 +30,6 @@ def searched(file=None, cost=cost, **wanted) -> SearchResult:
 
 
 def stopped(file, evaluated: int) -> None:
-    """Interrupt a search when it asks for costs again after so many generations, 0 included."""
     left = iter(range(evaluated))
 
     def interrupted(chromosomes):

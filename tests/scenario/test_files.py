@@ -33,7 +33,6 @@ time = 5
 
 @pytest.mark.parametrize("belief", ["nominal", {"cart_mass": Assumed("true", 0.1), "gravity": 9.0}])
 def test_a_scenario_survives_its_file(odd_scenario, belief, tmp_path):
-    """To the last digit, and whatever its name; of imperfections and ranges see their own tests."""
     jumps = afl.piecewise_linear((-0.1, 1 / 3, 1 / 3, 0.7), (1e-3, 0.1 + 0.2, 1e3, 2.0))
     scenario = replace(
         odd_scenario.with_schedule(cart_mass=jumps), name='a "quoted" \\ n\u00e4me = [1]',

@@ -36,7 +36,6 @@ def write(p):
 
 
 def terms(q, v, p):
-    """The cart-pole's equations, by hand: mass matrix, bias, input."""
     ml = p.stick_mass * p.reach
     coupling = -ml * cos(q[1])
     mass = ((p.sled_mass + p.stick_mass, coupling), (coupling, 4.0 / 3.0 * ml * p.reach))
@@ -220,7 +219,6 @@ TURNING = afl.Plant(
 
 
 def kept(length: float) -> float:
-    """The share of its rate that the arm keeps where a second kilogram joins."""
     return (0.01 + length**2) / (0.01 + 2.0 * length**2)
 
 

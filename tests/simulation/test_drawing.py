@@ -21,7 +21,6 @@ def decode(text: str, *shape: int) -> np.ndarray:
 
 
 def moving(time: np.ndarray, *rows) -> tuple[np.ndarray, np.ndarray]:
-    """Return a made-up motion: instants, and coordinates with rates that no picture needs."""
     q = np.stack([np.broadcast_to(row, time.shape) for row in rows], -1)
     return time, np.concatenate([q, 0.0 * q], axis=1)
 

@@ -16,7 +16,6 @@ from tests.program import run
 
 @pytest.fixture
 def installed(monkeypatch):
-    """Return a function that says which libraries there are, with MUJOCO_GL unset."""
     monkeypatch.setenv("MUJOCO_GL", "")  # so that what the code sets is undone
     monkeypatch.delenv("MUJOCO_GL")
     monkeypatch.setenv("PYOPENGL_PLATFORM", "glx")

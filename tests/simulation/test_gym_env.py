@@ -183,7 +183,6 @@ VECTORS = {"random": {"scenario": "laboratory", "randomize": True}, "diverges": 
 
 
 def same_step(one, other) -> None:
-    """Compare what a reset or a step of two vector environments gives, types included."""
     mine, their = ({**dict(enumerate(x[:-1])), **x[-1]} for x in (one, other))
     assert mine.keys() == their.keys()
     for name, values in their.items():
@@ -192,7 +191,6 @@ def same_step(one, other) -> None:
 
 
 def stepped(ours, theirs, count: int, actions) -> int:
-    """Step vector environments with the same actions; return how many episodes ended."""
     other, ends = theirs.reset(seed=2), 0
     every = [one.reset(seed=2) for one in ours]
     for _ in range(count):
@@ -227,7 +225,9 @@ def test_the_vector_environment_is_what_gymnasium_makes_and_refuses_what_makes_n
     for refused, message in (
         (lambda: made.step(np.full((3, 1), math.nan)), "actions must be finite"),
         (lambda: made.step(np.zeros(3)), r"actions must have shape \(3, 1\), got \(3,\)"),
-        (lambda: made.reset(seed=[1, 2]), "seed must be 3, got 2"),
+        (lambda: made.reset(seed=[1, 2]), "seed must be one number or 3 of them, got 2"),
+        (lambda: CartPoleEnv(scaled="no"), "scaled must be true or false, got 'no'"),
+        (lambda: CartPoleEnv(randomize=0), "randomize must be true or false, got 0"),
         (lambda: made.reset(options={"phi": 0}), "options of reset must be empty"),
         (lambda: CartPoleVectorEnv(0), "num_envs must be at least 1, got 0"),
         (lambda: CartPoleVectorEnv(2, threads=0), "threads must be at least 1, got 0"),
@@ -236,6 +236,8 @@ def test_the_vector_environment_is_what_gymnasium_makes_and_refuses_what_makes_n
         with pytest.raises(InvalidValueError, match=message):
             refused()
     made.close()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        made.step(np.zeros((3, 1)))
     with pytest.raises(gymnasium.error.ClosedEnvironmentError):
         made.reset()
 
@@ -274,7 +276,6 @@ def test_a_policy_is_a_controller_and_acts_through_the_wrappers_it_was_trained_w
 
 
 def acts_alike(policy, environment, predict) -> int:
-    """Compare the forces of a policy as a controller with those in its environment."""
     scenario = environment.unwrapped.scenario
     run = afl.simulate_mujoco(scenario, policy, "sampled", control_period=CONTROL_PERIOD)
     seen, _ = environment.reset()
@@ -306,7 +307,6 @@ def test_what_cannot_be_repeated_outside_the_environment_is_refused(wrap, messag
 
 
 def drawn(name: str, **varied: tuple[float, float]) -> afl.Scenario:
-    """Return a scenario of a plant whose episodes differ, with hardware that is not ideal."""
     rough = Imperfections(delay=0.0045, lag=0.002, noise=1e-3, dry_friction=1e-3, input_limit=30.0)
     asked = afl.Requirements(ends_at={known(name).coordinates[1]: 0.4})
     what = {"imperfections": rough, "requirements": asked, "ranges": varied}

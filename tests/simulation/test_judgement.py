@@ -24,7 +24,6 @@ NOISY = Imperfections(noise={"phi": 1e-3, "phi_dot": 1.0})
 
 
 def made(z=lambda t: 0.0 * t, phi=lambda t: 0.0 * t, force=lambda t: 1.0, command=None, end=None):
-    """A run whose z, phi and force are functions of time; one with an end fell there."""
     time = np.round(np.arange(0.0, (10.0 if end is None else end) + 1e-9, 0.01), 9)
     state = np.zeros((len(time), 4))
     state[:, 0], state[:, 1] = z(time), phi(time)

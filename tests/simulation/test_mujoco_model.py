@@ -10,7 +10,6 @@ NAMES = ("cart_mass", "pole_mass", "half_length", "gravity")
 
 
 def _friction_limits_and_contact(spec):
-    """Add what the paper leaves out: a rail with friction and ends, and a floor for the pole."""
     slider = spec.joint("z")
     slider.frictionloss = 0.7
     slider.range = [-0.4, 0.4]
@@ -60,7 +59,6 @@ def test_a_mutated_model_equals_a_freshly_compiled_one_in_every_array(file, edit
 
 
 def _by_hand(p):
-    """The same plant as an MJCF of this test's own, with friction, limits and contact."""
     rod, about_itself = p.pole_mass * p.half_length**2 / 3, p.pole_mass * 0.02**2 / 2
     return f"""<mujoco><compiler angle="radian" inertiafromgeom="false"/>
       <option gravity="0 0 {-p.gravity!r}" timestep="0.001" integrator="RK4"/><worldbody>

@@ -101,7 +101,6 @@ def test_the_forces_of_rates_are_those_of_the_lagrangian_in_mujoco_and_in_the_tr
 
 
 def entering(name: str) -> afl.Plant:
-    """The cart-pole with a parameter whose rate enters."""
     own = replace(cart_pole.parameters[name], rate="enters")
     return replace(cart_pole, name="own", parameters={**cart_pole.parameters, name: own})
 
@@ -190,6 +189,8 @@ def test_environments_step_as_the_run_does_and_a_mass_has_no_rate() -> None:
         np.testing.assert_array_equal(env.physics.world.state, run.state[10 * k])
         step = env.step(np.array([hold(0.0, run.state[10 * k], None)]))
     assert step.reward is not None
+    with pytest.raises(InvalidValueError, match="rate of a parameter must not enter here"):
+        afl.simulate_ode_rk4(own, hold)
     with pytest.raises(InvalidValueError, match="body cart mass must not change with a parameter"):
         afl.simulate_mujoco(scenario(entering("cart_mass")), hold)
 

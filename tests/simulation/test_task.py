@@ -50,7 +50,6 @@ AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_per
 
 @pytest.mark.parametrize(("name", "hold"), [("adaptive", 10), ("lqr", 1)])
 def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
-    """What the agent sees is measured, so the true states are compared."""
     start = (0.0, 0.3, 0.0, 0.0)
     scenario = _short("step-step", 1.2, initial_state=start, imperfections=ROUGH)
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP}

@@ -35,7 +35,6 @@ def idle(time, state, belief):
 
 
 def travelled(scenario: afl.Scenario) -> list[float]:
-    """Return how far the cart gets by every way to run it as deployed."""
     found = [afl.simulate_mujoco(scenario, idle).state[-1, 0]]
     found += [afl.run_all(idle, scenario)[0].metrics["peak_x"]]
     how = {"vectorization_mode": "vector_entry_point", "control_period": 0.1, "scaled": False}

@@ -50,7 +50,6 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path, command_line) -> None:
 
 
 def judged(**values: float | None) -> Result:
-    """The shipped result with some statements, their values changed."""
     result = RESULTS["hardware"]()
     known = {one.id: one for one in result.statements}
     made = [replace(known[f"rig-0.5-{name}"], value=x, suspected="the drive")

@@ -24,6 +24,7 @@ from afl_mujoco.simulation.drawing import LARGEST
 from afl_mujoco.simulation.gym_env.registration import require_gymnasium
 from afl_mujoco.simulation.task import Balance, load, numbers_of
 from afl_mujoco.simulation.trajectory import STATE_LIMIT
+from afl_mujoco.values import require_switch
 
 require_gymnasium()
 import gymnasium  # noqa: E402  (an optional package; its absence raised an error in one line)
@@ -145,6 +146,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         height: int = 360,
         camera: str | int | None = None,
     ) -> None:
+        self.randomize = require_switch("randomize", randomize)
         if render_mode not in (None, RENDER_MODE):
             raise UnknownNameError.among("render_mode", render_mode, ("None", RENDER_MODE))
         scenario = as_scenario(scenario)
@@ -164,7 +166,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         states = [STATE_SCALE[scenario.plant.units[name]] for name in scenario.plant.states]
         powers = 2.0 ** np.ceil(np.log2(np.where(largest > 0.0, largest, 1.0)))
         self.scale = np.concatenate([states, powers])
-        if not scaled:
+        if not require_switch("scaled", scaled):
             self.scale = np.ones(len(self.scale))
         high = STATE_LIMIT / self.scale
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
@@ -172,7 +174,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
         self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
-        self.randomize = randomize
         self._picture = {
             "height": require_count("height", height, 1, LARGEST[1]),
             "width": require_count("width", width, 1, LARGEST[0]),

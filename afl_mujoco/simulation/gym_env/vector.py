@@ -86,7 +86,8 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
-            raise InvalidValueError("seed", f"must be {self.num_envs}", len(seeds))
+            rule = f"must be one number or {self.num_envs} of them"
+            raise InvalidValueError("seed", rule, f"{len(seeds)}")
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("closed environments cannot be reset")
         require_no_options(options)
@@ -136,6 +137,7 @@ class ScenarioVectorEnv(gymnasium.vector.VectorEnv):  # type: ignore[misc]
 
     def close_extras(self, **kwargs: Any) -> None:
         """Free the threads and the models."""
+        self._ended = None
         if self._pool is not None:
             self._pool.shutdown()
         self._first.close()

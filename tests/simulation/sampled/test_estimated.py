@@ -27,7 +27,6 @@ def estimating(adaptive):
 
 
 def by_hand(scenario, controller):
-    """States, forces and last estimates of the loop in Python: measure, estimate, command, move."""
     model = afl.CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
     timing = timing_of(scenario, model, Deployed(timestep=1e-3))
     run = prepare(model, scenario, controller, timing)

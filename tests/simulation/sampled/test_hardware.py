@@ -20,7 +20,6 @@ def model(odd_parameters):
 
 
 def measured(model, imperfections, states, period=T):
-    """What is measured of one state a tick, shape (N, 4)."""
     scenario = afl.Scenario(name="own", imperfections=imperfections)
     sensors, data = hardware.sensors_of(scenario, period), model.mj_data
     run = hardware.new_run()
@@ -93,7 +92,6 @@ def test_the_velocity_filter_is_of_first_order(model, differentiated):
 
 
 def delivered(**imperfections):
-    """The momentum that an actuator has delivered at the end of each step."""
     return H * np.cumsum(forces(Imperfections(**imperfections), np.full(100, 7.0)))
 
 

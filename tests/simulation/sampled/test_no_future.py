@@ -15,7 +15,6 @@ CHANGE = 0.6  # when the futures part [s]
 
 
 def imperfect():
-    """Every field of `Imperfections` alone, at its reference level, and all of them together."""
     plain = {"velocity_filter": 0.01, "dry_friction.phi": 1e-3}
     found = {"seed": {"seed": 3}}
     for path, declaration in DECLARATIONS.items():

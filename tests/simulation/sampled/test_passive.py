@@ -28,7 +28,6 @@ PASSIVE = {
 
 
 def motion(plant, imperfections, state, duration, integrator, force=0.0):
-    """The states after each millisecond under a constant force, shape (N, 4)."""
     model = CartPoleModel(plant, imperfections=imperfections, timestep=H, integrator=integrator)
     data, states = model.mj_data, []
     data.qpos[:], data.qvel[:], data.ctrl[0] = state[:2], state[2:], force

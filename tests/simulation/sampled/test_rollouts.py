@@ -13,7 +13,6 @@ EULER = afl.Deployed(**SETTINGS)
 
 @pytest.fixture
 def scenarios(rng):
-    """Scenarios that share nothing, some of which fall; every third is ideal."""
     scenarios = []
     for i in range(12):
         mass, length = rng.uniform(0.2, 1.5), rng.uniform(0.1, 0.8)

@@ -65,7 +65,6 @@ def plain_loop(scenario, controller, hold, integrator):
 
 
 def mean_push(scenario, k):
-    """Mean disturbing force over a step of 1 ms, of pulses on multiples of 0.1 ms."""
     pulses = [one for one in scenario.disturbances if isinstance(one, afl.ForcePulse)]
     spans = [(x.force, round(1e4 * x.start) / 10, round(1e4 * x.end) / 10) for x in pulses]
     return sum(force * max(min(end, k + 1) - max(start, k), 0.0) for force, start, end in spans)

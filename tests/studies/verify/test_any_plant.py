@@ -62,6 +62,13 @@ def test_every_check_holds_on_the_examples(plant: Plant) -> None:
     assert unpacked(Result, *packed(result)).checks == result.checks
 
 
+def test_the_order_of_the_hold_is_not_judged_where_a_coordinate_comes_round() -> None:
+    """The feedback jumps as the shoulder passes half a turn from upright."""
+    start = {"shoulder": 0.05, "shoulder_dot": -10.0}
+    result = validated(DOUBLE, duration=0.3, initial_state=start)
+    assert result.passed and "B4f" not in {check.id for check in result.checks}
+
+
 def with_terms(plant: Plant, change) -> Plant:
     own = plant.terms
 
@@ -123,6 +130,8 @@ def test_the_order_of_a_loop_that_is_fast_is_seen_at_shorter_periods() -> None:
 def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(f'plant = "{EXAMPLES}/cart_double_pendulum.py:plant"\n')
     own = str(tmp_path / "own.toml")
+    with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got -1\.0"):
+        prepare(Options(scenarios=(own,), timestep=-1.0))
     assert [one.name for one in prepare(Options(scenarios=(own,))).controllers] == ["lqr"]
     with pytest.raises(InvalidValueError, match="of one plant in a comparison, got cart-pole, ca"):
         prepare(Options(scenarios=("nominal", own), controllers=("lqr",)))
