@@ -13,7 +13,6 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import UNITS, Description
 from afl_mujoco.identification.least_squares import (
-    SIGMA,
     Errors,
     Estimate,
     Fit,
@@ -58,7 +57,7 @@ FORGOTTEN = 5.0  # lags after which a drive has forgotten a command to 0.7 %
 
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
 
-LEFT = 0.5  # share of the angle's movement within windows that no fit may leave: good ones 0.01
+LEFT = 0.5  # share of the angle's movement within windows that no fit may leave: good ones 0.003
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
@@ -217,8 +216,8 @@ def _require_a_pole(found: Fit, windows: Windows, description: Description) -> N
     """Raise if the fit leaves as much of the angle's movement as it explains, or lacks its zero."""
     d = description
     turned = np.where(windows.valid > 0.0, windows.phi + 2.0 * np.pi * windows.turns, np.nan)
-    away = np.abs(turned - np.nanmedian(turned, axis=1, keepdims=True))
-    left = float(found.scatter[0] / (SIGMA * np.nanmedian(away)))
+    moved = np.nansum((turned - np.nanmean(turned, axis=1, keepdims=True)) ** 2)
+    left = float(found.scatter[0] * np.sqrt(np.sum(found.residuals**2) / moved))
     if not left < LEFT:
         raise InvalidValueError(
             "logs",

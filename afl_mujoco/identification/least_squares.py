@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 Errors = Callable[[Array, Array], Array]
 """``errors(shared, starts)``: of predicted readings, shapes (p,) and (B, L) to (B, C, n)."""
 
-SIGMA = 1.4826  # standard deviation of a normal distribution, in its median absolute deviation
 ROBUST = 3.0  # beyond so many scatters residuals count by size, not by square
 LEAST_SCATTER = 1e-12  # least scatter of residuals: those of a simulation may be zero
 SETTLED = 0.05  # relative change of the scatter below which it has converged
@@ -138,7 +137,7 @@ class Problem(NamedTuple):
         """Return the scatter of each signal from the median of its absolute values, shape (C,)."""
         signals = range(self.mask.shape[1])
         sizes = [np.abs(errors[:, i][self.mask[:, i] > 0.0]) for i in signals]
-        return np.maximum([SIGMA * np.median(one) for one in sizes], LEAST_SCATTER)
+        return np.maximum([1.4826 * np.median(one) for one in sizes], LEAST_SCATTER)
 
     def reduced(
         self, values: Array, starts: Array, scales: Array, scatter: Array, rest: Array

@@ -170,7 +170,8 @@ def _estimates(one: Identified) -> Matrix:
 def _digits(one: Estimate) -> int:
     """Return with how many digits the ends of an interval differ in two."""
     width, size = one.high - one.low, max(abs(one.low), abs(one.high))
-    return max(4, 2 + math.ceil(math.log10(size / width))) if width > 0.0 else 4
+    known = 0.0 < width < math.inf
+    return max(4, 2 + math.ceil(math.log10(size / width))) if known else 4
 
 
 def require_files(folder: Path) -> None:
