@@ -17,6 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from difflib import unified_diff
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -84,12 +85,12 @@ def moved(before: Content, now: Content, names: Sequence[str]) -> list[str]:
 
 
 def other_lines(source: Source, folder: Path) -> list[str]:
-    """Return the lines of an example that it no longer prints so; the last has the versions."""
+    """Return how an example prints otherwise than is kept; the last line has the versions."""
     was, now = (
         (place / source.file).read_text(encoding="utf-8").splitlines()[:-1]
         for place in (RESULTS, folder)
     )
-    return [f"{source.name} printed {line!r}" for line in was if line not in now]
+    return list(unified_diff(was, now, source.file, "now", n=0, lineterm=""))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

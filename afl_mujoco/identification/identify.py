@@ -57,7 +57,12 @@ FORGOTTEN = 5.0  # lags after which a drive has forgotten a command to 0.7 %
 
 EARLY = 0.1  # share of a row by which a force may act before its command, as a clock may be off
 
-LEFT = 0.5  # share of the angle's movement within windows that no fit may leave: good ones 0.003
+TOLD, MORE = 0.5, 0.2
+"""Share of the angle's curvature that has to be explained to tell a unit of it, of what gravity
+leaves of it for one of the position; and how much more than by the unit of the description."""
+NEAR = 0.5  # how near a unit must be to be named, in powers of ten
+
+LEFT = 0.5  # share of the angle's movement within windows that no fit may leave
 
 UNITS_RIGHT = (0.2, 5.0)
 """Range of coupling and gravity term, relative to their expected values, if the units are right."""
@@ -445,12 +450,6 @@ def require_units(logs: Sequence[Log], description: Description) -> None:
         if nearest != d.z.unit and far[nearest] < NEAR:
             rule = f"must be {nearest!r}, as the cart moves the pole"
             raise InvalidValueError(f"unit of {d.z.column}", rule, repr(d.z.unit))
-
-
-TOLD, MORE = 0.5, 0.2
-"""Share of the angle's curvature that has to be explained to tell a unit of it, of what gravity
-leaves of it for one of the position; and how much more than by the unit of the description."""
-NEAR = 0.5  # how near a unit must be to be named, in powers of ten
 
 
 class _Curvature(NamedTuple):

@@ -190,16 +190,16 @@ def _stamps(stamps: Floats, description: Description) -> tuple[Floats, NDArray[n
         rule = f"must be near the period of the description, {d.period:g} s"
         raise InvalidValueError(f"time between rows ({d.time.column})", rule, f"{period:g} s")
     slots = _slots(time, period, 0.0, FOLLOWED)
-    slope, origin = np.polyfit(slots, time, 1)
-    slots = _slots(time, float(slope), float(origin), 0.25 * FOLLOWED)
+    own, origin, _ = _clock(time, slots)
+    slots = _slots(time, own, origin, 0.25 * FOLLOWED)
     every = np.arange(len(time))  # strong jitter looks like lost rows, which fit worse
-    return time, min(every, slots, key=lambda one: _clock(time, one)[1]), period
+    return time, min(every, slots, key=lambda one: _clock(time, one)[2]), period
 
 
-def _clock(time: Floats, slots: NDArray[np.int64]) -> tuple[float, float]:
-    """Return the period of a regular clock, and the scatter of time stamps about it [s]."""
+def _clock(time: Floats, slots: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Return period and origin of a regular clock, and the scatter of stamps about it [s]."""
     slope, origin = np.polyfit(slots, time, 1)
-    return float(slope), float(np.std(time - (origin + slope * slots)))
+    return float(slope), float(origin), float(np.std(time - (origin + slope * slots)))
 
 
 def _slots(time: Floats, period: float, clock: float, followed: float) -> NDArray[np.int64]:
@@ -224,7 +224,7 @@ def _slots(time: Floats, period: float, clock: float, followed: float) -> NDArra
 
 def _on_its_clock(log: Log) -> Log:
     """Return a log on the clock of its device: regular, unless its readings follow the stamps."""
-    period, jitter = _clock(log.time, log.slots)
+    period, _, jitter = _clock(log.time, log.slots)
     regular = np.asarray(period * log.slots, dtype=np.float64)
     if jitter > JITTER * log.period and _smoother(log, log.time) < _smoother(log, regular):
         return replace(log, jitter=jitter)

@@ -27,7 +27,7 @@ from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.episode import World
 from afl_mujoco.simulation.sampled.runs import fine_enough
 from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout, within_limits
-from afl_mujoco.values import require_finite, require_positive
+from afl_mujoco.values import require_finite, require_positive, require_switch
 
 choose_backend()  # dm_control reads MUJOCO_GL when imported
 
@@ -336,7 +336,8 @@ def load(
     (1,)
     """
     scenario = as_scenario(scenario)
-    space = SampleSpace(with_ranges(scenario, start=True)) if randomize else None
+    drawn = require_switch("randomize", randomize)
+    space = SampleSpace(with_ranges(scenario, start=True)) if drawn else None
     asked = ticks_of(scenario, timestep, control_period)
     ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
     task = Balance(force_limit=force_limit, random=random, space=space)

@@ -156,22 +156,21 @@ def _estimates(one: Identified) -> Matrix:
         f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
         columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
         rows=[
-            *([x.title, x.unit, short(given.get(x.name)), short(x.value, digits),
-               "on its bound" if x.on_bound
-               else f"{short(x.low, digits)} to {short(x.high, digits)}"]
+            *([x.title, x.unit, short(given.get(x.name)), *_told(x)]
               for x in (*found, *one.physical)
-              for digits in (_digits(x),)
               if not x.name.startswith(("sin_", "cos_"))),  # harmonics of the linearity
             *left,
         ],
     )  # fmt: skip
 
 
-def _digits(one: Estimate) -> int:
-    """Return with how many digits the ends of an interval differ in two."""
+def _told(one: Estimate) -> tuple[str, str]:
+    """Return an estimate and its interval, with so many digits that its ends differ in two."""
     width, size = one.high - one.low, max(abs(one.low), abs(one.high))
     known = 0.0 < width < math.inf
-    return max(4, 2 + math.ceil(math.log10(size / width))) if known else 4
+    digits = max(4, 2 + math.ceil(math.log10(size / width))) if known else 4
+    low, value, high = (short(x, digits) for x in (one.low, one.value, one.high))
+    return value, "on its bound" if one.on_bound else f"{low} to {high}"
 
 
 def require_files(folder: Path) -> None:

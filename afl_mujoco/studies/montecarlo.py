@@ -144,9 +144,10 @@ class Result:
         return {name: [run for run in self.rows if run.controller == name] for name in self.asked}
 
     @property
-    def passes(self) -> str:
-        """The word for a run that did not fail."""
-        return "passes" if self.space.scenario.judged else "survives"
+    def words(self) -> dict[str, str]:
+        """What the shares of `rates` are called."""
+        passes = "passes" if self.space.scenario.judged else "survives"
+        return {"passes": passes, "settles": "ends at rest"}
 
     @property
     def samples(self) -> int:
@@ -219,20 +220,20 @@ def _result(request: Request, runs: Mapping[str, list[Run]], worst: Sequence[Wor
 
 def report(result: Result) -> Report:
     """Return what is shown of samples and searches."""
-    ours, passes = subject_of(list(result.asked)), result.passes
+    ours, (passes, rests) = subject_of(list(result.asked)), result.words.values()
     shares = {
-        name: [percent(rates[key][0], 3) for key in ("passes", "settles")]
+        name: [percent(rates[key][0], 3) for key in result.words]
         for name, rates in result.rates.items()
     }
     said = [
-        f"{name} {passes} {passed} and ends at rest on {rested}"
+        f"{name} {passes} {passed} and {rests} on {rested}"
         for name, (passed, rested) in sorted(shares.items(), key=lambda one: one[0] != ours)
     ]
     blocks: list[Block] = [
         Figure(
             name="montecarlo-rates",
-            title=f"How often each controller {passes} and ends at rest, {result.samples} samples",
-            caption=f"Filled: {passes}; hollow: ends at rest; with exact 95 % intervals.",
+            title=f"How often each controller {passes} and {rests}, {result.samples} samples",
+            caption=f"Filled: {passes}; hollow: {rests}; with exact 95 % intervals.",
             draw=partial(_draw_rates, result),
         ),
         _rates(result),
@@ -255,15 +256,14 @@ def _rates(result: Result) -> Matrix:
         margin = middle(margins, -math.inf)  # a failure without one is worse than any
         shares = (
             f"{percent(share, 3)} ({fixed(100.0 * low, 1)} to {fixed(100.0 * high, 1)})"
-            for share, low, high in (result.rates[name][key] for key in ("passes", "settles"))
+            for share, low, high in (result.rates[name][key] for key in result.words)
         )
         rows.append([name, *shares, MISSING if margin is None else percent(margin), fails])
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals",
         columns=[
             "Controller",
-            f"{result.passes.capitalize()} on [%]",
-            "Ends at rest on [%]",
+            *(f"{word.capitalize()} on [%]" for word in result.words.values()),
             "Median margin",
             "How it fails",
         ],
@@ -278,8 +278,7 @@ def _draw_rates(result: Result) -> Any:
     for name, rates in result.rates.items():
         for word, found in rates.items():
             share, low, high = (100.0 * x for x in found)
-            hollow = word == "settles"
-            text = f"{'ends at rest' if hollow else result.passes} {share:.1f} %"
+            text, hollow = f"{result.words[word]} {share:.1f} %", word == "settles"
             rows[name].append(Dot(at=share, thin=(low, high), text=text, hollow=hollow))
     return dots(rows, "share of the samples [%]", bounds=(-1.0, 101.0))
 
@@ -314,7 +313,8 @@ def _messages(result: Result) -> Iterator[str]:
         )
     for name, runs in result.runs.items():
         if all(run.failure for run in runs):
-            yield f"{name} {result.passes} on no sample: there is none harder to search for."
+            passes = result.words["passes"]
+            yield f"{name} {passes} on no sample: there is none harder to search for."
         for run in [run for run in runs if run.message][:1]:
             yield f"{name} on sample {run.draw}: {run.message}"
     lines = [

@@ -146,7 +146,6 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         height: int = 360,
         camera: str | int | None = None,
     ) -> None:
-        self.randomize = require_switch("randomize", randomize)
         if render_mode not in (None, RENDER_MODE):
             raise UnknownNameError.among("render_mode", render_mode, ("None", RENDER_MODE))
         scenario = as_scenario(scenario)
@@ -174,6 +173,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
         self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
+        self.randomize = randomize
         self._picture = {
             "height": require_count("height", height, 1, LARGEST[1]),
             "width": require_count("width", width, 1, LARGEST[0]),

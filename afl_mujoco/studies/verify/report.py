@@ -67,7 +67,7 @@ def _headline(result: Result) -> str:
         values = [x.value for x in first.requirements if x.requirement == first.failure]
         value = f" ({short(values[0], 3)})" if values and values[0] is not None else ""
         wrong = f"{len(missing)} of {len(result.rows)} runs fail: {one_of}{value}"
-        said.insert(0 if result.failed_checks == [] else 1, wrong)  # what fails stands first
+        said.insert(1 if failed else 0, wrong)  # what fails stands first
     named = {(run.scenario, run.controller) for run in missing}
     ended = [
         run
