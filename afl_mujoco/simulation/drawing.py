@@ -26,6 +26,11 @@ FPS, MOST_NUMBERS = 30, 400_000
 
 CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
 
+BOXED = tuple(
+    getattr(mujoco.mjtGeom, f"mjGEOM_{kind}") for kind in ("PLANE", "MESH", "HFIELD", "SDF")
+)
+"""Geoms that are drawn as boxes."""
+
 SMOOTHING = 0.35
 """Standard deviation of the window over which a camera averages where a plant is [s]."""
 
@@ -66,46 +71,58 @@ def drawn_geoms(m: mujoco.MjModel) -> list[int]:
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:
     """Return poses with the parameters of each instant written into the model."""
     m, d, count = model.mj_model, model.mj_data, len(states)
-    moving = [one for one in geoms if m.body_weldid[m.geom_bodyid[one]] > 0]
+    shapes, still, middles = shapes_of(m, geoms)
+    moving = np.array([m.body_weldid[m.geom_bodyid[one]] > 0 for one in geoms], bool)
+    bodies = [] if moving.any() else np.flatnonzero(m.body_weldid).tolist()  # of what is not drawn
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
-    rotations = np.empty((count, len(geoms), 3, 3))
-    bodies = [] if moving else np.flatnonzero(m.body_weldid).tolist()  # of what is not drawn
-    around = np.empty((count, 8 * len(moving) + len(bodies), 3))
+    rotations, middle = np.empty((count, len(geoms), 3, 3)), np.empty((count, len(bodies), 3))
     at, (rows, which) = model.addresses, model.course(values)
     for k, state in enumerate(states):
         write_row(at.structures, at.targets, rows[which[k]])
         write_state(at, state)
         mujoco.mj_kinematics(m, d)
-        rotations[k] = d.geom_xmat[geoms].reshape(-1, 3, 3)
-        for g, one in enumerate(geoms):
-            _, sizes[k, g], middle = shape_of(m, one)
-            centres[k, g] = d.geom_xpos[one] + rotations[k, g] @ middle
-        around[k] = np.concatenate([corners(m, d, moving), d.xipos[bodies]])
-    return Poses(centres, rotations, sizes, around)
+        rotations[k], centres[k] = d.geom_xmat[geoms].reshape(-1, 3, 3), d.geom_xpos[geoms]
+        sizes[k], middle[k] = m.geom_size[geoms], d.xipos[bodies]
+    boxed = np.isin(m.geom_type[geoms], BOXED)  # whose sizes are not written
+    sizes[:, boxed] = still[boxed]
+    centres += np.einsum("ngij,gj->ngi", rotations, middles)
+    seen = [shape for shape, moves in zip(shapes, moving, strict=True) if moves]
+    around = corners(seen, sizes[:, moving], centres[:, moving], rotations[:, moving])
+    return Poses(centres, rotations, sizes, np.concatenate([around, middle], axis=1))
 
 
-def shape_of(m: mujoco.MjModel, geom: int) -> tuple[str, Floats, Floats]:
-    """Return the shape of a geom, its size, and its middle in its frame; a mesh is its box [m]."""
-    kinds = mujoco.mjtGeom
-    kind, size, middle = kinds(m.geom_type[geom]), np.array(m.geom_size[geom]), np.zeros(3)
-    if kind == kinds.mjGEOM_PLANE:  # without end where its size is 0
-        return "box", np.array([*np.where(size[:2] > 0.0, size[:2], 1e3), 0.0]), middle
-    if kind in (kinds.mjGEOM_MESH, kinds.mjGEOM_HFIELD, kinds.mjGEOM_SDF):
-        return "box", np.array(m.geom_aabb[geom, 3:]), np.array(m.geom_aabb[geom, :3])
-    return kind.name.removeprefix("mjGEOM_").lower(), size, middle
+def shapes_of(m: mujoco.MjModel, geoms: Sequence[int]) -> tuple[list[str], Floats, Floats]:
+    """Return shapes of geoms, their sizes, and their middles in their frames; a mesh is its box."""
+    kinds = [mujoco.mjtGeom(m.geom_type[one]) for one in geoms]
+    sizes, middles = np.array(m.geom_size[geoms]), np.zeros((len(geoms), 3))
+    for g, (one, kind) in enumerate(zip(geoms, kinds, strict=True)):
+        if kind == mujoco.mjtGeom.mjGEOM_PLANE:  # without end where its size is 0
+            sizes[g] = [*np.where(sizes[g, :2] > 0.0, sizes[g, :2], 1e3), 0.0]
+        elif kind in BOXED:
+            middles[g], sizes[g] = np.split(m.geom_aabb[one], 2)
+    names = ["box" if k in BOXED else k.name.removeprefix("mjGEOM_").lower() for k in kinds]
+    return names, sizes, middles
 
 
-def corners(m: mujoco.MjModel, d: mujoco.MjData, geoms: Sequence[int]) -> Floats:
-    """Return the corners of the boxes around geoms [m], shape (8 geoms, 3)."""
-    found = []
-    for one in geoms:
-        shape, size, middle = shape_of(m, one)
-        wide, long = size[0], size[1]
-        halves = {"sphere": (wide, wide, wide), "capsule": (wide, wide, wide + long)}
-        half = np.array((halves | {"cylinder": (wide, wide, long)}).get(shape, size))
-        turn = d.geom_xmat[one].reshape(3, 3)
-        found.append(d.geom_xpos[one] + (middle + half * CORNERS) @ turn.T)
-    return np.concatenate([np.empty((0, 3)), *found])
+def corners(shapes: Sequence[str], sizes: Floats, centres: Floats, rotations: Floats) -> Floats:
+    """Return the corners of the boxes around geoms [m], shape (..., 8 geoms, 3)."""
+    half = np.array(sizes)
+    for g, shape in enumerate(shapes):
+        wide, long = sizes[..., g, 0], sizes[..., g, 1]
+        tall = {"sphere": wide, "capsule": wide + long, "cylinder": long}.get(shape)
+        if tall is not None:
+            half[..., g, :] = np.stack([wide, wide, tall], axis=-1)
+    spread = (half[..., None, :] * CORNERS) @ np.swapaxes(rotations, -1, -2)
+    found: Floats = centres[..., None, :] + spread
+    return found.reshape(*centres.shape[:-2], -1, 3)
+
+
+def corners_now(m: mujoco.MjModel, d: mujoco.MjData, geoms: Sequence[int]) -> Floats:
+    """Return the corners of the boxes around geoms as they are now [m], shape (8 geoms, 3)."""
+    shapes, sizes, middles = shapes_of(m, geoms)
+    rotations = d.geom_xmat[geoms].reshape(-1, 3, 3)
+    centres = d.geom_xpos[geoms] + np.einsum("gij,gj->gi", rotations, middles)
+    return corners(shapes, sizes, centres, rotations)
 
 
 def follow(seen: Sequence[Floats], fps: float) -> tuple[list[Floats], bool, float]:
@@ -173,7 +190,7 @@ def replay_data(
     return {
         "fps": fps,
         "duration": scenario.duration,
-        "shapes": [shape_of(m, one)[0] for one in geoms],
+        "shapes": shapes_of(m, geoms)[0],
         "moves": [bool(m.body_weldid[m.geom_bodyid[one]]) for one in geoms],
         "sizes": encode(sizes if np.ptp(sizes, axis=0).any() else sizes[:1]),
         "view": (ROOM * np.maximum(high - low, 0.2 * own)).tolist(),
@@ -235,7 +252,7 @@ def tracks(scenario: Scenario, model: SimulatedModel, toward: Floats) -> list[Tr
         if (wide := float(np.linalg.norm(across))) < 0.5:  # it slides towards the reader
             continue
         across /= math.copysign(wide, across[2] or 1.0)  # up, if it is not the slide that goes up
-        around = corners(m, d, [one for one in geoms if m.geom_bodyid[one] == body]) - at
+        around = corners_now(m, d, [one for one in geoms if m.geom_bodyid[one] == body]) - at
         is_rail = len(around) > 0 and m.body_jntnum[body] == 1
         if is_rail:
             at += float((around @ across).min()) * across
@@ -341,7 +358,7 @@ def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> flo
     """Return how far what is on a slide, now here, goes beyond its place to one side [m]."""
     m, d, joint = model.mj_model, model.mj_data, track.coordinate
     own = [one for one in drawn_geoms(m) if m.geom_bodyid[one] == m.jnt_bodyid[joint]]
-    beyond = (corners(m, d, own) - track.at) @ track.along - here
+    beyond = (corners_now(m, d, own) - track.at) @ track.along - here
     return float((math.copysign(1.0, side) * beyond).max(initial=-math.inf)) if own else 0.0
 
 

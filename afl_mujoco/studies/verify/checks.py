@@ -7,8 +7,9 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
+from operator import attrgetter
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -144,10 +145,13 @@ def random_plant(rng: np.random.Generator) -> CartPoleParameters:
     return CartPoleParameters(**{key: rng.uniform(_LOW[key], _HIGH[key]) for key in _LOW})
 
 
+_numbers = attrgetter(*_LOW)
+
+
 def _changes(model: SimulatedModel, plants: Sequence[CartPoleParameters]) -> Iterator[None]:
     """Make the model each of some plants in turn."""
     at = model.addresses
-    for row in model.rows(np.array([astuple(p) for p in plants])):
+    for row in model.rows(np.array([_numbers(p) for p in plants])):
         write_row(at.structures, at.targets, row)
         yield
 
@@ -170,7 +174,7 @@ def acceleration_error(rng: np.random.Generator, states: int = STATES) -> float:
         measured = model.accelerations(state, force)
         _, phi, _, phi_dot = state
         both = (cart_acceleration, pole_acceleration)
-        expected = np.array([of(phi, phi_dot, force, *astuple(p)) for of in both])
+        expected = np.array([of(phi, phi_dot, force, *_numbers(p)) for of in both])
         error = np.abs(measured - expected) / (1.0 + np.abs(expected))
         worst = max(worst, float(error.max())) if np.isfinite(error).all() else np.inf
     return worst
@@ -221,7 +225,7 @@ def stale_numbers(rng: np.random.Generator, plants: int = PLANTS) -> int:
     mutated = SimulatedModel(CART_POLE, edit=add_passive_physics)
     stale = 0
     for _ in range(plants):
-        values = np.array(astuple(random_plant(rng)))
+        values = np.array(_numbers(random_plant(rng)))
         mutated.write(values)
         fresh = mutated.writer.compile(mutated.rows(values)[0])
         stale += differing_numbers(mutated.mj_model, fresh)
