@@ -108,11 +108,6 @@ def estimate(found: Any, name: str) -> Any:
     return next(one for one in among if one.name == name)
 
 
-def loop(case: Any, parameters: str, noise: bool) -> Any:
-    """Return a loop of a schedule of the study of estimation."""
-    return next(x for x in case.loops if (x.parameters, x.noise) == (parameters, noise))
-
-
 def ceil_to(x: float, digits: int = 2) -> float:
     """Round away from zero to significant digits: the safe side of a level that is needed."""
     return _to(math.ceil, x, digits)
@@ -133,7 +128,6 @@ NAMES = {
     "next": next,
     "sweep": sweep,
     "estimate": estimate,
-    "loop": loop,
     "ceil_to": ceil_to,
     "math": math,
 }

@@ -13,13 +13,18 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.plants.plant import Floats
+from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.bound_controllers import plant_model
-from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, STATE_LIMIT, Trajectory
+from afl_mujoco.simulation.trajectory import (
+    COMPLETED,
+    DIVERGED,
+    STATE_LIMIT,
+    Trajectory,
+    effort_names,
+)
 
 DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
@@ -80,14 +85,39 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
         margin = left if completed or left < 0.0 else None  # it may fall at the very end
         found.append(Judgement("completes", duration, reached, margin))
     if "end_stops" in required:
-        peaks = np.abs(run.state).max(axis=0).tolist()
-        of, stops = (
-            dict(zip(run.layout.states, peaks, strict=True)),
-            scenario.imperfections.end_stops,
-        )
-        judged = [_peak("end_stops", stop, of[name], completed) for name, stop in stops.items()]
+        judged = []
+        for i, (low, high) in stops_of(scenario).items():
+            x = run.state[:, i]
+            sides = ((-low, float(-x.min())), (high, float(x.max())))
+            limit, value = min(sides, key=lambda side: _left(*side))
+            judged.append(_peak("end_stops", limit, value, completed))
         found.append(min(judged, key=_margin))
     return (*found, *_judgements(scenario, run))
+
+
+def ranges_of(plant: Plant) -> Floats:
+    """Return the range that the MJCF gives each coordinate, infinite where none, shape (n, 2)."""
+    m = plant_model(plant, threading.get_ident()).mj_model
+    return np.where(m.jnt_limited[:, None], m.jnt_range, (-np.inf, np.inf))
+
+
+def stops_of(scenario: Scenario) -> dict[int, tuple[float, float]]:
+    """Return between what each coordinate with end stops is kept: these, or its range if nearer."""
+    stops, names = scenario.imperfections.end_stops, scenario.plant.coordinates
+    ends = {i: (low, high) for i, (low, high) in enumerate(ranges_of(scenario.plant).tolist())}
+    return {
+        i: (max(ends[i][0], -stops[name]), min(ends[i][1], stops[name]))
+        for i, name in enumerate(names) if name in stops
+    }  # fmt: skip
+
+
+def reached_ranges(plant: Plant, run: Trajectory) -> Iterator[tuple[str, float]]:
+    """Yield in words what range in the MJCF a run reaches, where MuJoCo stops it, and when [s]."""
+    for i, (name, (low, high)) in enumerate(zip(plant.coordinates, ranges_of(plant), strict=True)):
+        outside = (run.state[:, i] <= low) | (run.state[:, i] >= high)
+        if outside.any():
+            span = f"{low:.4g} to {high:.4g} {plant.units[name]}"
+            yield f"{name} reaches its range in the MJCF, {span}", run.time[np.argmax(outside)]
 
 
 def judge_failure(scenario: Scenario) -> tuple[Judgement, ...]:
@@ -145,13 +175,17 @@ def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judg
     """Judge the largest absolute value of a signal; a run cut short can only break the limit."""
     if value is None or (not completed and value <= limit):
         return Judgement(name, limit, value, None)
-    return Judgement(name, limit, value, (limit - value) / limit)
+    return Judgement(name, limit, value, _left(limit, value))
+
+
+def _left(limit: float, value: float) -> float:
+    return (limit - value) / (abs(limit) or 1.0)
 
 
 def _least(name: str, limit: float, value: float, completed: bool) -> Judgement:
     """Judge the least value of a signal; a run cut short can only break the limit."""
     unknown = not completed and value >= limit
-    return Judgement(name, limit, value, None if unknown else (value - limit) / (abs(limit) or 1.0))
+    return Judgement(name, limit, value, None if unknown else -_left(limit, value))
 
 
 def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) -> Judgement:
@@ -247,17 +281,8 @@ def _stopped(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             where = f"{end:g} {units[name]} from the middle"
             first = f"first at {run.time[hits[0]]:.3g} s"
             yield f"{symbol(name)} hits the end stop, {where}, {first}{beyond}"
-    model = plant_model(scenario.plant, threading.get_ident()).mj_model
-    for i, name in enumerate(names):
-        joint = model.joint(name)
-        low, high = joint.range
-        outside = (run.state[:, i] <= low) | (run.state[:, i] >= high)
-        if model.jnt_limited[joint.id] and outside.any():
-            yield (
-                f"{name} reaches its range in the MJCF, {low:.4g} to {high:.4g} {units[name]}, "
-                f"first at {run.time[np.argmax(outside)]:.3g} s: MuJoCo stops it there, the "
-                "equations do not"
-            )
+    for words, time in reached_ranges(scenario.plant, run):
+        yield f"{words}, first at {time:.3g} s: MuJoCo stops it there, the equations do not"
 
 
 def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from afl_mujoco.simulation.trajectory import (
     LAYOUT,
     Layout,
     Trajectory,
+    effort_names,
 )
 
 Metrics = dict[str, float | None]
@@ -47,13 +48,6 @@ _OF_STATE = {
     "settling_5pc_": ("|{}| stays below 5 % of its peak from", "s"),
 }
 """Label and unit of the metrics of a state, by the beginning of their names."""
-
-
-def effort_names(inputs: Sequence[str], name: str) -> tuple[str, str, str, str, str]:
-    """Return the metrics of an input: largest command and force, square, variation, limit."""
-    own = "" if len(inputs) == 1 else f"{name}_"
-    most = "max_command" if not own else f"max_{name}_command"
-    return most, f"max_{name}", f"{name}_squared", f"{name}_variation", f"{own}limited_share"
 
 
 def _parsed(key: str) -> tuple[str, str]:

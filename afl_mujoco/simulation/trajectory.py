@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from importlib import import_module
@@ -444,6 +444,13 @@ def _versions() -> Mapping[str, str]:
     return MappingProxyType({name: version(name) for name in _PACKAGES})
 
 
+def effort_names(inputs: Sequence[str], name: str) -> tuple[str, str, str, str, str]:
+    """Return the metrics of an input: largest command and force, square, variation, limit."""
+    own = "" if len(inputs) == 1 else f"{name}_"
+    most = "max_command" if not own else f"max_{name}_command"
+    return most, f"max_{name}", f"{name}_squared", f"{name}_variation", f"{own}limited_share"
+
+
 def assemble(
     scenario: Scenario,
     controller: Controller,
@@ -462,8 +469,13 @@ def assemble(
         inputs = controller.forces(states, given, reached)
     if "command" not in deployed:
         low, high = plant.limits.T
-        exerted = np.clip(inputs.reshape(len(reached), -1), low, high).reshape(inputs.shape)
-        inputs, deployed = exerted, {**deployed, "command": inputs}
+        asked = inputs.reshape(len(reached), -1)
+        beyond = np.isfinite(asked) & ((asked <= low) | (asked >= high))
+        shares = np.trapezoid(1.0 * beyond, reached, axis=0) / max(outcome.time, 1e-300)
+        effort = {effort_names(plant.inputs, x)[-1]: float(y)
+                  for x, y in zip(plant.inputs, shares, strict=True)}  # fmt: skip
+        deployed = {**deployed, "command": inputs, "effort": effort}
+        inputs = np.clip(asked, low, high).reshape(inputs.shape)
     values = scenario.values(instants(reached))
     provenance = {
         "simulator": simulator,

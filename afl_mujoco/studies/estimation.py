@@ -126,6 +126,14 @@ class Case:
     # estimated are of the first seed, the true angle is of the loop without noise
     curves: Curves
 
+    @property
+    def costs(self) -> list[float | None]:
+        """∫|φ| dt of each noisy run over that with the true M and l; None if one ends early."""
+        found = {(one.parameters, one.noise): one for one in self.loops}
+        (true,) = (run.metrics["iae_phi"] for run in found[TRUE, False].runs)
+        noisy = (run.metrics["iae_phi"] for run in found[ESTIMATED, True].runs)
+        return [x / true if x is not None and true else None for x in noisy]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
@@ -198,16 +206,15 @@ def report(result: Result) -> Report:
     cases = result.cases
     loops = [{(loop.parameters, loop.noise): loop for loop in case.loops} for case in cases]
     noisy = [one[ESTIMATED, True] for one in loops]
-    pairs = [[one[kind].median("iae_phi") for kind in ((ESTIMATED, True), (TRUE, False))]
-             for one in loops]  # fmt: skip
-    ratios = [mine / true for mine, true in pairs if mine is not None and true is not None]
+    costs = [cost for case in cases for cost in case.costs]
     headline = (
         f"{result.controller} with estimated M and l completes "
         f"{sum(loop.completed for loop in noisy)} of "
         f"{sum(len(loop.runs) for loop in noisy)} noisy runs"
     )
-    if ratios:
-        headline += f" · ∫|φ| dt at most {short(max(ratios), 3)} times that with the true M and l"
+    if known := [cost for cost in costs if cost is not None]:
+        most = f"at most {short(max(known), 3)} times that with the true M and l"
+        headline += f" · ∫|φ| dt {most}" + ", where it completes" * (len(known) < len(costs))
     case = cases[0]
     figure = Figure(
         name="estimation",

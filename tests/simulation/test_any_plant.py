@@ -12,9 +12,11 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import remarks_on
+from afl_mujoco.simulation.simulate import simulate_ode
 from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
+from afl_mujoco.studies.shared.run import run_of
 from tests.plants.plants import EXAMPLES, known
 
 QUADROTOR = known("quadrotor_load.py:plant")
@@ -308,9 +310,11 @@ def test_signals_of_a_run_are_those_of_its_instants(signal) -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-15)
 
 
-def test_a_joint_that_reaches_its_range_is_remarked_on() -> None:
+def test_a_joint_that_reaches_its_range_is_remarked_on_and_at_its_end_stop() -> None:
     ranged = RENAMED.replace('axis="1 0 0"', 'axis="1 0 0" range="-.3 .3"')
-    free = afl.Scenario(name="rail", plant=SLED, duration=2.0, initial_state={"lean": -0.5})
+    ends = afl.Requirements(ends_at={})
+    free = afl.Scenario(name="rail", plant=SLED, duration=2.0, initial_state={"lean": -0.5},
+                        requirements=ends)  # fmt: skip
     lqr = bound(afl.CONTROLLERS["lqr"], free)
     for scenario in (free, replace(free, plant=replace(SLED, model=ranged))):
         run = afl.simulate_mujoco(scenario, lqr, mode="sampled")
@@ -319,3 +323,20 @@ def test_a_joint_that_reaches_its_range_is_remarked_on() -> None:
     first = run.time[np.argmax(np.abs(run.state[:, 0]) >= 0.3)]
     said = f"way reaches its range in the MJCF, -0.3 to 0.3 m, first at {first}"
     assert found[0].startswith(said)
+    wide = replace(scenario, imperfections=afl.Imperfections(end_stops={"way": 0.5}))
+    row = run_of(wide, lqr, run)
+    (stop,) = (one for one in row.requirements if one.requirement == "end_stops")
+    assert (stop.limit, stop.met, row.failure, row.time) == (0.3, False, "end_stops", first)
+
+
+def test_the_share_at_a_limit_is_that_of_each_simulator() -> None:
+    shares = []
+    for tilt in (0.02, -0.5):
+        tilted = afl.Scenario(name="s", plant=SLED, duration=1.0, initial_state={"lean": tilt})
+        runs = [simulate_ode(tilted, "lqr")]
+        modes = ("exact", "continuous", "sampled")
+        runs += [afl.simulate_mujoco(tilted, "lqr", mode) for mode in modes]
+        shares.append([run.metrics["limited_share"] for run in runs])
+        asked = np.mean((runs[1].command <= -70.0) | (runs[1].command >= 50.0))
+        assert shares[-1] == pytest.approx([asked] * 4, abs=5e-3)
+    assert shares[0] == [0.0] * 4 and min(shares[1]) > 0.02

@@ -42,7 +42,24 @@ def test_the_curves_are_of_the_runs(result):
     oracle = afl.simulate_mujoco("step-step", "adaptive", "sampled")
     angle = curves["pole angle φ [rad]"]["true"][1]
     np.testing.assert_array_equal(angle[::5], oracle.state[:12001:20, 1])
-    assert "completes 3 of 3 noisy runs" in estimation.report(result).headline
+    said = estimation.report(result).headline
+    cost = max(np.array(iae_of(result, True)) / iae_of(result, False))
+    assert f"completes 3 of 3 noisy runs · ∫|φ| dt at most {cost:.2f} times" in said
+
+
+def iae_of(result, noisy):
+    of = (estimation.ESTIMATED, True) if noisy else (estimation.TRUE, False)
+    (loop,) = (x for x in result.cases[0].loops if (x.parameters, x.noise) == of)
+    return [run.metrics["iae_phi"] for run in loop.runs]
+
+
+def test_the_cost_is_of_the_worst_run_that_completes(result):
+    (case,) = result.cases
+    *others, noisy = (x for x in case.loops if x.parameters != estimation.NOMINAL)
+    fell = replace(noisy.runs[0], metrics={**noisy.runs[0].metrics, "iae_phi": None})
+    loops = (*others, replace(noisy, runs=(fell, *noisy.runs[1:])))
+    said = estimation.report(replace(result, cases=(replace(case, loops=loops),))).headline
+    assert said.endswith("with the true M and l, where it completes")
 
 
 @pytest.mark.slow

@@ -27,7 +27,6 @@ from afl_mujoco.scenario.time_steps import (
     step_times,
     ticks_of,
 )
-from afl_mujoco.simulation.metrics import effort_names
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
@@ -40,7 +39,14 @@ from afl_mujoco.simulation.sampled.hardware import (
     sense,
     sensors_of,
 )
-from afl_mujoco.simulation.trajectory import OUTCOMES, Outcome, Trajectory, assemble, criterion_of
+from afl_mujoco.simulation.trajectory import (
+    OUTCOMES,
+    Outcome,
+    Trajectory,
+    assemble,
+    criterion_of,
+    effort_names,
+)
 
 LONG_AGO = 1e9  # before that nothing was known of the plant [s]; a longer delay is the same
 

@@ -27,9 +27,9 @@ from afl_mujoco.simulation.judgement import (
     judge_failure,
     least_margin,
     settling_time,
+    stops_of,
 )
-from afl_mujoco.simulation.metrics import effort_names
-from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory
+from afl_mujoco.simulation.trajectory import COMPLETED, Outcome, Trajectory, effort_names
 
 
 def columns_of(plant: Plant) -> tuple[str, ...]:
@@ -249,9 +249,10 @@ def run_of(scenario: Scenario, controller: Controller, run: Trajectory) -> Run:
     requirements, ended = judge(scenario, run), run.outcome.time
     failure = failure_of(run.outcome.kind, requirements)
     if failure == "end_stops":  # when it reached one
-        stops = scenario.imperfections.end_stops
-        away = np.abs(run.state[:, [scenario.plant.states.index(name) for name in stops]])
-        ended = float(run.time[np.argmax((away >= [*stops.values()]).any(axis=1))])
+        stops = stops_of(scenario)
+        low, high = np.array([*stops.values()]).T
+        at = run.state[:, [*stops]]
+        ended = float(run.time[np.argmax(((at <= low) | (at >= high)).any(axis=1))])
     settled = settling_time(scenario, run)
     figures = {**run.metrics, "settling_time": settled}
     return Run(

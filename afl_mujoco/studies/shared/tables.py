@@ -25,8 +25,8 @@ from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.requirements import asked_of, words_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
-from afl_mujoco.simulation.metrics import effort_names, label_of, unit_of
-from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout
+from afl_mujoco.simulation.metrics import label_of, unit_of
+from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, LAYOUT, Layout, effort_names
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.run import Run
 

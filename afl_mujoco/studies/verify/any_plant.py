@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree, terms_of
 from afl_mujoco.plants.writer import PlantModel
@@ -17,6 +18,7 @@ from afl_mujoco.scenario.scenario import Scenario, Segment
 from afl_mujoco.scenario.time_steps import time_grid
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.integrator import integrate
+from afl_mujoco.simulation.judgement import reached_ranges
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.mujoco_rollout import line_of, simulate_mujoco, transition
 from afl_mujoco.simulation.ode import Loop, require_equations
@@ -131,6 +133,9 @@ def judge(case: Case) -> Judged:
               for a, b in again]  # fmt: skip
     values = {"A10r": float(sum(unlike))}
     if scenario.plant.has_equations:
+        for words, first in reached_ranges(scenario.plant, exact):
+            rule = f"must stay where equations hold, but {words}, at {first:.3g} s"
+            raise InvalidValueError(f"the run of {controller.name} on {scenario.name}", rule)
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled, relative=True)
         values["B1r"] = restarted_difference(ideal, loop, exact)

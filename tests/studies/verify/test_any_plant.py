@@ -69,6 +69,12 @@ def test_the_order_of_the_hold_is_not_judged_where_a_coordinate_comes_round() ->
     assert result.passed and "B4f" not in {check.id for check in result.checks}
 
 
+def test_a_run_that_reaches_the_range_of_a_joint_is_not_compared() -> None:
+    text = DOUBLE.model.read_text().replace('"shoulder" axis', '"shoulder" range="3.29 9" axis')
+    with pytest.raises(InvalidValueError, match="shoulder reaches its range"):
+        validated(replace(DOUBLE, model=text))
+
+
 def with_terms(plant: Plant, change) -> Plant:
     own = plant.terms
 
