@@ -84,6 +84,31 @@ def test_a_log_of_a_run_is_identified_as_what_was_simulated(tmp_path: Path) -> N
     assert found.find("gravity_term").low <= 0.75 * 9.81 / 0.3 <= found.find("gravity_term").high
 
 
+@pytest.mark.slow
+def test_a_lag_is_found_beside_the_delay_from_guesses_that_are_far_off(tmp_path: Path) -> None:
+    of = {"cart_mass": 0.7, "half_length": 0.3, "pole_mass": 0.12}
+    loop = afl.Imperfections(
+        control_period=0.01, delay=0.006, lag=0.02, encoder_step={"phi": 1.5e-3, "z": 5e-4},
+        damping={"z": 0.5, "phi": 1e-3}, dry_friction={"z": 0.2},
+    )  # fmt: skip
+    own = {"schedule": of, "imperfections": loop, "duration": 8.0}
+    scenario = replace(RIG, initial_state={"phi": 0.35}, **own)
+
+    def shaken(phase: float):
+        def force(time, state, belief):
+            push = 2.0 * np.sin(5.0 * time + phase) + 1.5 * np.sin(11.3 * time + 2.0 * phase)
+            return np.dot(state, (2.706, -39.36, 5.33, -9.84)) + push
+
+        return as_controller(force)
+
+    made = [logged(tmp_path, scenario, shaken(phase)) for phase in (0.0, 1.3, 2.9)]
+    logs, given = [replace(log, name=str(i)) for i, (_, log, _) in enumerate(made)], made[0][2]
+    guess = replace(given.nominal, cart_mass=0.5, half_length=0.25, force=0.7)
+    found = identify(logs, replace(given, nominal=guess))
+    truth = {"cart_mass": 0.7, "force": 1.0, "rail_friction": 0.2, "delay": 0.006, "lag": 0.02}
+    assert {k: found.find(k).value for k in truth} == pytest.approx(truth, rel=0.07, abs=1e-3)
+
+
 def test_runs_of_a_drive_without_a_limit_share_a_description(tmp_path: Path) -> None:
     """The largest command of one run is no limit of the drive."""
     _, first, description = logged(tmp_path, RIG, find_controller("lqr"))
