@@ -304,7 +304,7 @@ class _Drive(NamedTuple):
                 f"by {-delay.value / d.period:.2g} rows and more",
             )
         progress(2, 4)
-        # half of it may be lag: beside a whole delay, a lag shows by its square alone, and none stays
+        # half of it may be lag: beside a whole delay a lag shows by its square alone
         half = max(0.5 * delay.value, 0.05 * d.period)
         guess = {**found.by_name, "delay": half, "lag": half}
         lagging = [one._replace(start=guess[one.name]) for one in parameters]

@@ -38,8 +38,10 @@ NOTHING: Said = 0, ""
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
 
+SIGN, SLOPE = "the other sign", ", or what slides has another slope"
+
 WORDS = {
-    0.0: "is missing in", -1.0: "has the other sign in", 2.0: "is doubled in", 0.5: "is halved in",
+    0.0: "is missing in", -1.0: f"has {SIGN} in", 2.0: "is doubled in", 0.5: "is halved in",
     math.pi / 180.0: "is in degrees, not radians, in", 180.0 / math.pi: "is in degrees in",
 }  # fmt: skip
 """Factors that have a name of their own."""
@@ -55,7 +57,7 @@ PASSIVE = {
     "springref": "springref",
 }  # fmt: skip
 
-SCALES = (2.0, 0.5, 1e3, 1e-3, 100.0, 0.01, 180.0 / math.pi, math.pi / 180.0, -1.0, 10.0, 0.1)
+SCALES = (2.0, 0.5, 1e3, 1e-3, 100.0, 0.01, 180.0 / math.pi, math.pi / 180.0, 10.0, 0.1)
 """Factors by which equations misread a parameter."""
 
 
@@ -69,6 +71,11 @@ def _share(thing: str, c: float) -> Said:
             return 1, f"{thing} is {words} of MuJoCo's in the equations"
     times = f"{1.0 + c:.6g}" if abs(c) > 1e-4 else f"1 {'-' if c < 0 else '+'} {abs(c):.2g}"
     return 2, f"{thing} is {times} times MuJoCo's in the equations"
+
+
+def _gravity(c: float) -> Said:
+    odd, said = _share("gravity", c)
+    return odd, said + SLOPE * (odd == 2)
 
 
 def _inertial(thing: str, c: float) -> Said:
@@ -104,7 +111,8 @@ class Search(Difference):
     def first(self) -> str:
         """Return the mistakes that explain the difference, in words; empty if none does.
 
-        Of a body of which nothing varies, several look alike: the round numbers first.
+        Where nothing varies several look alike, and where a sign or a slope does: the round numbers
+        first.
         """
         if not np.isfinite(self.start).all():
             return ""
@@ -112,12 +120,15 @@ class Search(Difference):
             odd = sorted(self.bodily(), key=itemgetter(0))
             found = list(dict.fromkeys(said for _, said in odd))
             varies = np.ptp(self.points.p, axis=0).any()
-            if not (found and varies):
-                more = itertools.islice(self.further(), 1 if varies else ALIKE)
+            turned = any(SIGN in said or SLOPE in said for said in found)
+            if turned or not (found and varies):
+                alone = varies and not turned
+                more = itertools.islice(self.further(), 1 if alone else ALIKE)
                 found = list(dict.fromkeys([*found, *(said for _, said in more)]))
-        if len(found) > ALIKE:  # what explains it by one of the two, and by both
-            found = [said for said in found if not said.startswith("the mass with")]
-        hint = " (parameters that vary would tell)" * (len(found) > 1)
+        again = ["the mass with"] * (len(found) > ALIKE)  # one of the two explains it, and both
+        again += ["the term gravity is"] * any(said.startswith("gravity ") for said in found)
+        found = [said for said in found if not said.startswith(tuple(again))]
+        hint = " (parameters that vary would tell)" * (len(found) > 1 and not (turned and varies))
         return ", or ".join(found[:ALIKE]) + hint
 
     def bodily(self) -> Iterator[Said]:
@@ -167,7 +178,7 @@ class Search(Difference):
     def families(self) -> Iterator[list[Suspect]]:
         """Yield changes of the tree that M, h and B are linear in, one for each place of it."""
         share, twice, more = partial(partial, _share), partial(_times, 2.0), lambda x, tree: x + 1.0
-        yield [(share("gravity"), self.edited(..., gravity=twice))]
+        yield [(_gravity, self.edited(..., gravity=twice))]
         yield [(share(f"the gear of input {name}"), self.edited(k, actuator_gear=twice))
                for k, name in enumerate(self.plant.inputs)]  # fmt: skip
         for point in (_joint, _origin):
@@ -241,6 +252,18 @@ class Search(Difference):
                 said = f"the products of inertia of body {name} {word} in the equations"
                 scale = np.where(np.eye(3) > 0.0, 1.0, factor)
                 yield said, self.inertia(b, partial(_times, scale))
+            for i, axis in enumerate("xyz"):
+                scale = np.where(np.arange(3) == i, 0.0, 1.0)
+                said = (
+                    f"the inertia of body {name} about its own {axis} is missing in the equations"
+                )
+                yield said, self.edited(b, body_inertia=partial(_times, scale))
+            for i, j, order in _exchanges(3):
+                said = (
+                    f"the inertias of body {name} about its {'xyz'[i]} and {'xyz'[j]} are exchanged"
+                )
+                left = self.edited(b, body_inertia=lambda x, tree, order=order: x[order])
+                yield f"{said} in the equations", left
             said = f"two products of inertia of body {name} are exchanged in the equations"
             for _, _, order in _exchanges(3):
                 yield said, self.inertia(b, partial(_crossed, order))

@@ -167,6 +167,11 @@ class Requirements(Checked):
                 hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
                 rule = f"must be at most {min(end, turn):.4g} rad, {why} ({hint})"
                 raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
+        for name, end in found.get("ends_at", {}).items():
+            if name in plant.wraps and not end <= math.pi:
+                rule = "must be at most 3.142 rad, as it is measured modulo a turn"
+                rule += f" ({end:g} degrees is {math.radians(end):.4f} rad)"
+                raise InvalidValueError(f"requirements.ends_at.{name}", rule, f"{end:g}")
         about = self.targets(plant)
         for name, least in found["min"].items():
             turn = math.pi if name in plant.wraps else math.inf

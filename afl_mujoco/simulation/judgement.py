@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -212,7 +212,8 @@ LONG_WAIT, LONG = 0.05, 0.1
 
 def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
     """Return remarks on a run that no requirement makes, one sentence each."""
-    of_plants = controller.remarks(scenario) if scenario.is_cart_pole else _beyond(scenario)
+    ours = scenario.is_cart_pole
+    of_plants = controller.remarks(scenario) if ours else beyond(scenario.plant, scenario.spans)
     own = scenario.imperfections
     return [
         *of_plants,
@@ -237,10 +238,10 @@ def _outliving(controller: Controller) -> Iterator[str]:
         yield f"{controller.memory}: a run depends on those before it in the same process"
 
 
-def _beyond(scenario: Scenario) -> Iterator[str]:
-    """Remark on parameters beyond the bounds within which a plant was checked."""
-    spans = zip(scenario.plant.parameters.items(), scenario.spans.values(), strict=True)
-    for (name, one), (least, most) in spans:
+def beyond(plant: Plant, spans: Mapping[str, tuple[float, float]]) -> Iterator[str]:
+    """Remark on parameters that go beyond the bounds within which a plant was checked."""
+    for name, one in plant.parameters.items():
+        least, most = spans.get(name, (one.value, one.value))
         if least < (one.low or 0.0) or most > (one.high or 0.0):
             checked = f"but is checked in {one.low:g} to {one.high:g}"
             found = f"is {least:g}" if least == most else f"goes from {least:g} to {most:g}"
@@ -338,7 +339,7 @@ def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             return
     beyond = np.flatnonzero(~(np.abs(run.commands[-1]) < STATE_LIMIT))
     if run.outcome.kind == DIVERGED and beyond.size:
-        rule = f"a run ends where a command is not below {STATE_LIMIT:g} or not a number"
+        rule = f"a run ends where a command is no number, or {STATE_LIMIT:g} or more"
         name, value = scenario.plant.inputs[beyond[0]], run.commands[-1][beyond[0]]
         yield f"{name} was {value:g} at {run.outcome.time:.3g} s; {rule}"
 

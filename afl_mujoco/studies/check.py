@@ -251,7 +251,7 @@ class Request:
         }  # fmt: skip
         self.drawn = ", ".join(
             f"{name} {a:.3g} to {b:.3g}" for name, (a, b) in bounds.items()
-            if name not in plant.parameters
+            if name not in plant.parameters or name in self.box
         )  # fmt: skip
         found = low + (high - low) * np.random.default_rng(seed).random((count, len(low)))
         n, k = len(plant.coordinates), len(plant.inputs)
@@ -345,7 +345,7 @@ class Request:
         notes = [f"Left out: {'; '.join(self.model.notes)}."] if self.model.notes else []
         if not looked_further:
             notes.append("Not looked at, since terms differ: energy, and models written in place.")
-        notes.append(f"Drawn from {self.drawn}; parameters from their low to their high.")
+        notes.append(f"Drawn from {self.drawn}; other parameters from their low to their high.")
         if self.held and self.equations:
             notes.append(f"Drawn at one value, for want of low and high: {', '.join(self.held)}.")
         notes += [f"Equations: {self.equations.how}."] if self.equations else []

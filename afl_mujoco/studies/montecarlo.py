@@ -21,6 +21,7 @@ from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.simulation.judgement import beyond
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Interrupted,
@@ -251,7 +252,7 @@ def _rates(result: Result) -> Matrix:
     for name, some in result.runs.items():
         failures = [run.failure for run in some if run.failure]
         kinds = sorted(set(failures), key=lambda kind: (-failures.count(kind), kind))
-        fails = "; ".join(f"{how(kind, own)} {failures.count(kind)}" for kind in kinds) or MISSING
+        fails = "; ".join(f"{how(kind, own)} {failures.count(kind)} ×" for kind in kinds) or MISSING
         margins = [run.margin for run in some if run.failure or run.margin is not None]
         margin = middle(margins, -math.inf)  # a failure without one is worse than any
         shares = (
@@ -311,6 +312,9 @@ def _messages(result: Result) -> Iterator[str]:
             "imperfections are those of random laboratory hardware; a table `[ranges]` in its file "
             "changes this."
         )
+    plant = result.space.scenario.plant
+    if not result.space.scenario.is_cart_pole:
+        yield from (f"{said}." for said in beyond(plant, result.space.varied))
     for name, runs in result.runs.items():
         if all(run.failure for run in runs):
             passes = result.words["passes"]

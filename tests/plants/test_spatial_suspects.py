@@ -44,6 +44,8 @@ EQUATIONS = {
         "the orientation of the frame of body base is missing in the equations"),
     "inertia not turned": ('euler="0 0.3 0"', "",
         "the orientation of the inertia of body arm is missing in the equations"),
+    "inertias exchanged": ("0.002 0.006 0.0065", "0.006 0.002 0.0065",
+        "the inertias of body arm about its x and y are exchanged in the equations"),
     "signs of products": ("0.001 0.002 -0.001", "-0.001 -0.002 0.001",
         "the products of inertia of body tip have the other sign in the equations"),
     "no products": (" 0.001 0.002 -0.001", " 0 0 0",

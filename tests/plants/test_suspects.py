@@ -57,6 +57,15 @@ def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> N
     assert others[-1].endswith(" in the equations (parameters that vary would tell)?")
 
 
+def test_an_angle_from_elsewhere_is_named_beside_the_sign_that_looks_alike() -> None:
+    def terms(q, v, p):
+        return ((2.0,),), (-9.81 * np.sin(q[0]) + p.damping * v[0],), ((),)
+
+    said = afl.check(arm(terms, damping=DAMPING), 50).headline.removeprefix("arm: bias, arm: ")
+    assert said.startswith("gravity has the other sign in the equations, or ")
+    assert said.endswith("arm is measured from 180 degrees further in the equations?")
+
+
 def test_an_armature_that_is_forgotten_and_a_parameter_that_equations_do_not_read_are_named():
     rolling = arm(swinging, mass=afl.Parameter(0.5, low=0.2, high=0.9))
     plant = replace(rolling, write=lambda p: {"joint arm armature": 0.4 * p.mass})

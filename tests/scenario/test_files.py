@@ -75,6 +75,7 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
      "requirements.max_force is not a known key; it is now max = { force"),
     ("[requirements]\nends_at = {}\nmax.phi = 90",
      "requirements.max.phi must be at most 3.142 rad, as it is mea"),
+    ("requirements.ends_at.phi = 57", "requirements.ends_at.phi must be at most 3.142 rad, as it"),
     ("requirements.min.phi = -3.2", "requirements.min.phi must lie in -3.142 to 3.142, as it "),
     ("requirements.max.y = 1",
      "requirements.max name must be one of z, phi, z_dot, phi_dot, force_comm"),

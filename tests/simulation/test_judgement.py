@@ -115,7 +115,7 @@ def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: 
 
 @pytest.mark.parametrize(("start", "force", "expected"), [
     (2.0, 0.0, "φ is at the start where a run ends, 2 rad (114.6°) from its target"),
-    (0.1, math.nan, "force was nan at 0.02 s; a run ends where a command is not below 1e+06 or"),
+    (0.1, math.nan, "force was nan at 0.02 s; a run ends where a command is no number, or 1e+06"),
     (0.1, 3e6, "force was 3e+06 at 0.02 s; "), (0.1, 1e6, "force was 1e+06 at 0.02 s; "),
     (1.45, math.nan, None),  # fell at once, but the pole did not lie
     (0.1, 1.0, None),

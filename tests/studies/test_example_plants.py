@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 
 import afl_mujoco as afl
@@ -12,6 +14,21 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
     (run,) = run_all(afl.CONTROLLERS["lqr"], [scenario])
     assert [one.requirement for one in run.requirements if not one.met] == []
     assert {f"peak_{x}" for x in scenario.plant.coordinates} < set(run.metrics)
+
+
+def test_a_range_beyond_what_was_checked_is_told() -> None:
+    file = str(EXAMPLES / "quadrotor_load.toml")
+    request = montecarlo.prepare(montecarlo.Options(scenario=file, samples=1, worst_case=False))
+    short = {
+        "duration": 0.5,
+        "disturbances": (),
+        "schedule": {},
+        "requirements": afl.Requirements(),
+    }
+    varied = replace(request.space.scenario, ranges={"load": (0.02, 20.0)}, **short)
+    space = replace(request.space, scenario=varied)
+    said = montecarlo.report(montecarlo.run(request._replace(space=space))).blocks
+    assert "load goes from 0.02 to 20 kg, but is checked in 0.01 to 0.6." in said
 
 
 @pytest.mark.slow
