@@ -65,7 +65,7 @@ class Replay:
         found += [(labelled(name, unit), f"{x[index]:.3g}") for name, unit, x in self.changing]
         shown = (*zip(plant.inputs, self.inputs[index], strict=True),
                  *zip(plant.coordinates, state, strict=False))  # fmt: skip
-        found += [(labelled(name, plant.units[name]), f"{x:+.2f}") for name, x in shown]
+        found += [(labelled(name, plant.units[name]), f"{x:+z.2f}") for name, x in shown]
         if self.ideal is None:
             return found
         apart = zip(plant.coordinates, np.abs(state - self.ideal[index]), strict=False)

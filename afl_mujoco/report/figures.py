@@ -36,8 +36,8 @@ CONTROLLERS: Mapping[str, str] = {
     "fixed-nominal": PURPLE,
     "adaptive-nominal": GREEN,
     "adaptive-angle": "#AA4499",
-    "lqr": "#882255",
-    "pole-placement": "#332288",
+    "lqr": "#332288",  # far from that of one's own, beside which it mostly is
+    "pole-placement": "#882255",
     "partial-linearization": "#999933",
 }
 """Colour of each controller that has its own; Paul Tol's after those of Okabe and Ito."""

@@ -345,13 +345,15 @@ def add_tracks(
         turned = np.column_stack([track.along, np.cross(track.across, track.along), track.across])
         tall = 0.05 * size if track.is_rail else 4.0 * size  # of what moves both ways, everywhere
         for words, place in track.places:
-            edge = 0.0
+            edge, high = 0.0, tall
+            if words == "limit" and track.is_rail:  # a mark, not a wall
+                high *= 0.7
             if words == "end stop":  # where what moves touches it
                 reach = _reach(model, track, float(state[track.coordinate]), place)
                 edge = math.copysign(1.0, place) * (reach + 0.015 * size)
-            spot = track.at + (place + edge) * track.along + (0.05 * size) * track.across
+            spot = track.at + (place + edge) * track.along + min(high, 0.05 * size) * track.across
             half, colour = (0.015 * size, STOP) if words == "end stop" else (0.004 * size, LIMIT)
-            add_geom(scene, box, (half, 0.02 * size, tall), spot, colour, turned)
+            add_geom(scene, box, (half, 0.02 * size, high), spot, colour, turned)
 
 
 def _reach(model: SimulatedModel, track: Track, here: float, side: float) -> float:
