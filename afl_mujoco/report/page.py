@@ -54,6 +54,7 @@ def to_html(
         there = all(name in files for name in one.files.values())
         found[type(one)][one.name] = find(paths) if there else None
     judged = [report for report in reports.values() if report.passed is not None]
+    failed = sum(not report.passed for report in judged)
     assets = resources.files(PACKAGE) / "assets"
     style, script = (
         Markup("".join((assets / name).read_text(encoding="utf-8") for name in names))
@@ -68,6 +69,7 @@ def to_html(
         generator=f"afl_mujoco {version('afl_mujoco')}",
         title=sections[0].title if len(reports) == 1 else title,
         worst=min(judged, key=lambda report: bool(report.passed), default=None),
+        among=f": {failed} of {len(judged)} parts" if failed and len(judged) > 1 else "",
         parts=list(zip(reports.values(), sections, strict=True)),
         last=last,
         pictures=found[Figure],

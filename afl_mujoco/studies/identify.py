@@ -152,8 +152,9 @@ def _estimates(one: Identified) -> Matrix:
         if x is not None
     ]  # fmt: skip
     return Matrix(
-        caption=f"From {len(one.logs)} logs, {percent(one.share, 3)} of their "
-        f"{short(one.seconds, 3)} s, for a pole of {short(n.pole_mass)} kg{few}",
+        caption=f"From {len(one.logs)} {'logs' if len(one.logs) > 1 else 'log'}, "
+        f"{percent(one.share, 3)} of their {short(one.seconds, 3)} s, for a pole of "
+        f"{short(n.pole_mass)} kg{few}",
         columns=["Quantity", "Unit", "Given", "Identified", "95 % interval"],
         rows=[
             *([x.title, x.unit, short(given.get(x.name)), *_told(x)]

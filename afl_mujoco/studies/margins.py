@@ -310,7 +310,8 @@ def report(result: Result) -> Report:
     if r.rows:
         plants, cells = _delays(r)
         title = f"Delay margin [ms] on the plants at the ends of the ranges, {held}"
-        figure, _ = graded("margins-delay", title, "", ["", *plants], cells, GRADES)
+        better = f"Columns: {', '.join(r.units)}. " * bool(r.units) + "The larger the better."
+        figure, _ = graded("margins-delay", title, better, ["", *plants], cells, GRADES)
         blocks += [figure, _table(r, held)]
     if r.not_linear:
         reasons = (plain(f"{name}: {reason}") for name, reason in r.not_linear.items())

@@ -283,8 +283,10 @@ def report(result: Result) -> Report:
         blocks += graded(
             "thresholds",
             f"Level at which each controller fails on {on}",
-            f"Found to {percent(result.settings.tolerance, 3)}."
-            + " ~: not at rest at the end on the reference hardware." * unsettled,
+            f"In brackets: the reference level. Found to {percent(result.settings.tolerance, 3)}. "
+            "The higher the better, but of limits and rails the lower."
+            + " ~: not at rest at the end on the reference hardware."
+            * unsettled,
             ["Imperfection", *names],
             cells,
             GRADES,

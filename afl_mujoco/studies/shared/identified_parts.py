@@ -69,7 +69,7 @@ def draw_log(shown: Shown, bands: Values | None = None) -> Any:
         axis.set_ylabel(label)
     simulated = zip(s.simulated_time, s.simulated_z, s.simulated_phi, strict=True)
     for i, (when, *predicted) in enumerate(simulated):
-        name = "simulated from a fitted state" if i == 0 else None
+        name = "simulated from a fitted state, colours in turn" if i == 0 else None
         for k, (axis, values) in enumerate(zip(axes, predicted, strict=False)):
             colour = (VERMILION, BLUE)[i % 2]
             axis.plot(when, values, color=colour, linewidth=1.2, label=name)

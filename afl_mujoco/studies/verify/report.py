@@ -120,8 +120,9 @@ def _claims(result: Result) -> Section:
         "claims",
         [
             Matrix(
-                caption="C2 and C8 here: when the last state is within 2 % of its peak. C9 to C12 "
-                "and shares of readings: of longer computations (make claims)",
+                caption="Here, C2 and C8: when the last state is within 2 % of its peak; C9: the "
+                "schedules won; C10: the excess over our optimum. C9 to C12 and shares of readings "
+                "are of longer computations (make claims)",
                 columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
                 rows=[
                     (one.id, one.claim, _counted(one, one.paper, 4), _counted(one, one.here, 3),
