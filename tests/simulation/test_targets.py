@@ -99,7 +99,7 @@ def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> 
     printed, shown = str(result), {label_of(name, run.layout) for name in run.metrics}
     assert "|z − 0.5| at most 1 m" in printed and "|load_height + 0.25| at most 1 " in printed
     assert {"∫|z − 0.5| dt", "max |x|", "least load_height"} <= shown
-    assert how("max.z", scenario) == "misses “|z − 0.5| at most”"
+    assert how("max.z", scenario) == "misses “|z − 0.5| at most 1 m”"
     run.save(tmp_path / "run.npz")
     assert afl.Trajectory.load(tmp_path / "run.npz").metrics == run.metrics
 

@@ -63,7 +63,7 @@ def test_requirements_decide_which_runs_pass_and_the_rates_are_theirs(heavy) -> 
     share, low, high = heavy.rates["lqr"]["passes"]
     assert share == passed / 20 and low == pytest.approx(beta.ppf(0.025, passed, 21 - passed))
     assert high == pytest.approx(beta.ppf(0.975, passed + 1, 20 - passed))
-    assert "misses “|z| at most”" in to_text(montecarlo.report(heavy).blocks)
+    assert "misses “|z| at most " in to_text(montecarlo.report(heavy).blocks)
     assert f"lqr passes {100 * share:.3g} %" in montecarlo.report(heavy).headline
     assert montecarlo.rate([run.settled for run in runs]) == heavy.rates["lqr"]["settles"]
 

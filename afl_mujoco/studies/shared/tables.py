@@ -44,12 +44,17 @@ NEVER = "never"  # value of a requirement to settle that a run never meets
 
 def how(failure: str, scenario: Scenario | None = None) -> str:
     """Return how a run of a scenario fails, in words: the same in every study."""
-    return ENDINGS.get(failure) or f"misses “{_words(failure, scenario)}”" if failure else "passes"
+    if not failure or failure in ENDINGS or scenario is None:
+        return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
+    return f"misses “{_asked(failure, scenario.required.get(failure), scenario)}”"
 
 
-def _words(requirement: str, scenario: Scenario | None) -> str:
+def _asked(requirement: str, limit: float | None, scenario: Scenario) -> str:
     way, _, thing = requirement.partition(".")
-    return words_of(requirement, scenario.about(thing) if scenario and way == "max" else 0.0)
+    words = words_of(requirement, scenario.about(thing) if way == "max" else 0.0)
+    if requirement == "completes" or limit is None:
+        return words
+    return f"{words} {short(limit)} {scenario.unit_of(requirement)}".rstrip()
 
 
 Moving = Mapping[str, tuple[Array, Array]]
@@ -92,10 +97,7 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
 
 def asked(one: Judgement, scenario: Scenario) -> str:
     """Return what a requirement of a scenario asks for."""
-    words, unit = _words(one.requirement, scenario), scenario.unit_of(one.requirement)
-    if one.requirement == "completes":
-        return words
-    return f"{words} {short(one.limit)} {unit}".rstrip()
+    return _asked(one.requirement, one.limit, scenario)
 
 
 def titled(metric: str, layout: Layout = LAYOUT) -> str:
