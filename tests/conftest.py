@@ -51,8 +51,7 @@ def odd_scenario():
 
 @pytest.fixture
 def smooth_scenario(odd_scenario, odd_parameters):
-    schedule = asdict(odd_parameters)
-    return replace(odd_scenario, name="smooth", schedule=schedule, disturbances=())
+    return replace(odd_scenario, name="smooth", schedule=asdict(odd_parameters), disturbances=())
 
 
 @pytest.fixture(params=["fixed", "adaptive"])

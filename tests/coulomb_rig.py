@@ -69,13 +69,10 @@ class CoulombRig:
 
             turns.terminal, turns.direction = True, -1.0
             asked = times[(times >= now - 1e-12) & (times <= end)]
-            run = solve_ivp(
-                rates, (now, end), state, "DOP853", rtol=1e-11, atol=1e-13, events=turns,
-                dense_output=True,
-            )  # fmt: skip
+            run = solve_ivp(rates, (now, end), state, "DOP853", rtol=1e-11, atol=1e-13,
+                            events=turns, dense_output=True)  # fmt: skip
             last = run.t[-1]
-            done = asked[asked <= last]
-            found += [(t, *run.sol(max(t, now))[:2]) for t in done]
+            found += [(t, *run.sol(max(t, now))[:2]) for t in asked[asked <= last]]
             times, state, now = times[times > last], run.y[:, -1].copy(), last
             if run.status == 0:
                 return state, found

@@ -215,8 +215,7 @@ def check_all(faults, jobs, tests, checks, report):
                 raise ValueError(f"the copy without a fault does not pass: {objected}")
             copies.keep_compiled()
             report(f"[{time.monotonic() - started:5.0f} s] no fault: passes")
-            submit = pool.submit
-            tasks = {submit(copies.objection, one, checks(copies, one)): one for one in faults}
+            tasks = {pool.submit(copies.objection, one, checks(copies, one)): one for one in faults}
             for done, task in enumerate(as_completed(tasks), start=1):
                 said = task.result() or "NOT CAUGHT"
                 elapsed = time.monotonic() - started

@@ -12,10 +12,8 @@ COMMAND = (sys.executable, "-m", "afl_mujoco")
 
 
 def run(*arguments: str, cwd: Path, **variables: str) -> subprocess.CompletedProcess[str]:
-    done = subprocess.run(
-        [*COMMAND, *arguments], cwd=cwd, env={**os.environ, **variables}, capture_output=True,
-        text=True, timeout=300,
-    )  # fmt: skip
+    done = subprocess.run([*COMMAND, *arguments], cwd=cwd, env={**os.environ, **variables},
+                          capture_output=True, text=True, timeout=300)  # fmt: skip
     done.stderr = without_progress(done.stderr)
     return done
 

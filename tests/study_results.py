@@ -45,8 +45,7 @@ def monte_carlo() -> montecarlo.Result:
     ranges = {"phi": (-0.4, 0.4), "delay": (0.0, 0.004)}
     space = SampleSpace(replace(SHORT, name=NASTY, requirements=asked, ranges=ranges))
     how = {"samples": 12, "budget": Budget(generations=1, population=4)}
-    names = [f"{NASTY}:{x}" for x in "ab"]
-    return montecarlo.run(montecarlo.Request(space, USED, names, **how))
+    return montecarlo.run(montecarlo.Request(space, USED, [f"{NASTY}:{x}" for x in "ab"], **how))
 
 
 @cache

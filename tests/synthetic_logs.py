@@ -59,10 +59,8 @@ class Truth:
 def described(name: str, rig: Any, count: float, **guessed: float) -> columns.Description:
     """What its owner would say of its logs: the length is a little off, the rest a guess."""
     lengths = {"pole_mass": rig.pole_mass, "half_length": 1.03 * rig.half_length}
-    phi, z = (
-        columns.AngleColumn(resolution=count),
-        columns.PositionColumn(resolution=rig.position_count),
-    )
+    phi = columns.AngleColumn(resolution=count)
+    z = columns.PositionColumn(resolution=rig.position_count)
     nominal = columns.Nominal(**lengths, **guessed, rail_damping=2.0)
     more = {"phi": phi, "z": z, "nominal": nominal, "command": columns.CommandColumn(limit=1.0)}
     return columns.Description(name=name, period=PERIOD, **more)
@@ -100,10 +98,9 @@ def random_truth(seed: int) -> Truth:
 def swing(truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD):
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)
-    damping = {"z": truth.rail_damping, "phi": truth.hinge_damping}
     names = ("cart_mass", "pole_mass", "half_length")
     plant = afl.CartPoleParameters(**{name: getattr(truth, name) for name in names})
-    passive = afl.Imperfections(damping=damping)
+    passive = afl.Imperfections(damping={"z": truth.rail_damping, "phi": truth.hinge_damping})
     model = afl.CartPoleModel(plant, timestep=STEP, imperfections=passive)
     m, d = model.mj_model, model.mj_data
     d.qpos[:] = 0.0, np.pi + rng.uniform(-1.0, 1.0)

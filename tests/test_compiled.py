@@ -24,8 +24,7 @@ def test_the_stamp_covers_every_file_that_python_itself_imports(module):
     command = [sys.executable, "-c", f"import sys, afl_mujoco.{module}; {shown}"]
     loaded = subprocess.check_output(command, text=True).split()
     always = {PACKAGE / "simulation/gym_env/registration.py"}  # imported with the package itself
-    needed = compiled._needed(file_of(module))
-    missing = {Path(file) for file in loaded} - needed - always
+    missing = {Path(file) for file in loaded} - compiled._needed(file_of(module)) - always
     assert {file.name for file in missing} <= {"__init__.py"}
 
 
@@ -33,12 +32,8 @@ def test_an_edit_far_away_leaves_compiled_code_but_not_one_of_an_equation(tmp_pa
     def stamp(edited: str) -> str:
         for cached in (compiled._needed, compiled._fingerprint):
             cached.cache_clear()
-        original = Path.read_bytes
-
-        def read(self):
-            return original(self) + (b"#" if self == PACKAGE / edited else b"")
-
-        monkeypatch.setattr(Path, "read_bytes", read)
+        read = Path.read_bytes
+        monkeypatch.setattr(Path, "read_bytes", lambda x: read(x) + b"#" * (x == PACKAGE / edited))
         found = compiled._fingerprint(file_of(LOOP))
         monkeypatch.undo()
         compiled._fingerprint.cache_clear()

@@ -36,8 +36,7 @@ def test_what_is_no_regular_file_or_without_end_is_refused_at_once(refuses, spec
             read_it("special.toml")
     with (tmp_path / "sparse.toml").open("wb") as file:
         file.truncate(10**11)
-    said = refuses("simulate", "sparse.toml")
-    assert "sparse.toml must be at most 10 MB, has 100000 MB" in said
+    assert "sparse.toml must be at most 10 MB, has 100000 MB" in refuses("simulate", "sparse.toml")
 
 
 @pytest.mark.parametrize("name", ["marked.toml", "Upper.TOML"])

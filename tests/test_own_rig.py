@@ -98,9 +98,7 @@ def _slopes(t: float, x: np.ndarray, rig: Rig, wanted: float, pushed: float) -> 
 
 RIG = Rig()
 SCENARIO = afl.Scenario(
-    name="own-rig",
-    duration=RIG.duration,
-    initial_state=(0.0, RIG.start, 0.0, 0.0),
+    name="own-rig", duration=RIG.duration, initial_state=(0.0, RIG.start, 0.0, 0.0),
     schedule={"cart_mass": RIG.cart, "half_length": RIG.half, "pole_mass": RIG.pole},
     disturbances=(afl.ForcePulse(force=RIG.push[0], start=RIG.push[1], duration=RIG.push[2]),),
     imperfections=afl.Imperfections(
@@ -108,9 +106,8 @@ SCENARIO = afl.Scenario(
         encoder_step={"z": RIG.step_z, "phi": RIG.step_phi}, differentiated=True,
         damping={"z": RIG.rail_damping, "phi": RIG.hinge_damping},
     ),
-    requirements=afl.Requirements(
-        max={"force": 60.0, "force_command": 200.0}, settling_time=1.5, recover_within=1.4
-    ),
+    requirements=afl.Requirements(max={"force": 60.0, "force_command": 200.0},
+                                  settling_time=1.5, recover_within=1.4),
 )  # fmt: skip
 GAINS = {
     "gentle": (9.0, -95.0, 17.0, -21.0), "firm": (14.0, -140.0, 24.0, -28.0),

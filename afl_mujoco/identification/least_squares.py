@@ -28,6 +28,7 @@ FEW_CLUSTERS = 8  # fewer logs, and windows count as independent, for want of be
 STEP = 1e-4  # step of a finite difference, relative to the scale of its variable
 FIRST_DAMPING, LARGEST_DAMPING = 1e-4, 1e6  # of Levenberg and Marquardt's method
 LEAST_CURVATURE = 1e-10  # of parameters scaled to 1, below which a direction is not determined
+ON_BOUND = 1e-6  # distance from a bound within which a value is on it, relative to its scale
 TOLERANCE = 1e-4  # relative decrease of the cost below which the fit has converged
 
 CONFIDENCE = 0.95
@@ -195,7 +196,7 @@ def fit(problem: Problem, parameters: Sequence[Parameter], starts: Array, scatte
                 damping *= 10.0
         if before - cost <= TOLERANCE * before:
             break
-    on_bound = np.minimum(values - low, high - values) <= 1e-3 * scales
+    on_bound = np.minimum(values - low, high - values) <= ON_BOUND * scales
     slopes = problem.derivatives(values, starts, scales, scatter)
     covariance, degrees = _covariance(*slopes, rest, problem.clusters, ~on_bound)
     return Fit(

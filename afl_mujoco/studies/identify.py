@@ -112,6 +112,9 @@ def report(result: Result) -> Report:
 NOT_LINEAR = 2.0
 """Times what the pole leaves of the angle that the whole may leave: its drive is taken as linear in
 the command."""
+NOISE, OFF = 2.5, 0.01
+"""Scatter that the pole alone may leave of the angle, in resolutions, before something else than
+its reading shows; and how far k may be from 1, that of a rigid pole."""
 SLOW = 0.15
 """Time between rows, in time constants of the pole, beyond which intervals are too narrow: between
 rows a held command moves the cart in a way that no interpolation of its readings follows."""
@@ -124,13 +127,32 @@ def _remarks(one: Identified) -> list[Block]:
         f"Rows are {short(1e3 * one.period, 3)} ms apart, which is slow for this pole: the "
         "intervals of skew, dry friction of the hinge, compliance, k, delay and lag are too narrow."
     ] * (slow > SLOW)
+    count, left, k = one.description.phi.count, one.pole.scatter_phi, one.find("coupling")
+    if count > 0.0 and left > NOISE * count:
+        said.append(
+            f"The pole alone leaves {short(left / count, 2)} resolutions of the angle: unless its "
+            "sensor is as noisy, the scale of the angle or the hinge is not as described, and "
+            "estimates of the pole may be off by more than their intervals."
+        )
+    if not k.low <= 1.0 <= k.high and abs(k.value - 1.0) > OFF:
+        said.append(
+            f"k is {short(k.value, 3)}, and 1 for a rigid pole: the scale of the position is off "
+            "by as much, or that of the angle, and with it force and acceleration of the command."
+        )
+    drive = () if one.drive is None else one.drive.estimates
+    for x in drive:
+        if x.name in ("delay", "lag") and x.on_bound and x.value > 0.0:
+            said.append(
+                f"The {x.title} is on the largest value that is tried: the drive is not as "
+                "modelled, or the guesses under [nominal] are far off."
+            )
     if one.drive is None:
         said.append("The command is constant in every log: cart and drive cannot be identified.")
     elif (times := one.drive.scatter_phi / one.pole.scatter_phi) > NOT_LINEAR:
         said.append(
             f"The whole leaves {short(times, 2)} times as much of the angle as the pole alone: the "
-            "drive is not as modelled, which has neither a dead zone nor a saturation, and the "
-            "estimates of cart and drive may be far off."
+            "drive is not as modelled, which has neither a dead zone nor a saturation, or the "
+            "guesses under [nominal] are far off; estimates of cart and drive may be, too."
         )
     return said
 

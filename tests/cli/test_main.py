@@ -78,15 +78,13 @@ def test_simulate_writes_run_figure_and_resolved_scenario(folder, command_line) 
     assert (code, errors) == (0, "")
     assert "objective OF" in output and "settling" not in output
     stem = folder / "out" / "short-adaptive-sampled"
-    trajectory = afl.Trajectory.load(stem.with_suffix(".npz"))
     again = afl.simulate_mujoco(folder / "out" / "short.toml", "adaptive", "sampled")
-    assert (trajectory.state == again.state).all()
+    assert (afl.Trajectory.load(stem.with_suffix(".npz")).state == again.state).all()
     assert stem.with_suffix(".png").stat().st_size > 10_000
     assert len(list((folder / "out").iterdir())) == 3
     (folder / "out" / f"{stem.name}-log.csv").touch()  # of an older run, as the figure is
     command_line("simulate", "short.toml", "--no-page", "--out", "out")
-    found = {path.name for path in (folder / "out").iterdir()}
-    assert found == {"short.toml", f"{stem.name}.npz"}
+    assert {path.name for path in (folder / "out").iterdir()} == {"short.toml", f"{stem.name}.npz"}
 
 
 def test_how_it_was_run_is_kept_and_refused_where_it_cannot_act(folder, command_line, refuses):

@@ -77,8 +77,7 @@ def test_poles_not_in_pairs_are_refused_and_no_gains_near_the_lqr_s_cost_less(od
         best = design.lqr_gains(p)
         least = quadratic_cost(p, best)
         for _ in range(8):
-            near = best * (1.0 + 1e-3 * rng.standard_normal(4))
-            assert quadratic_cost(p, near) > least
+            assert quadratic_cost(p, best * (1.0 + 1e-3 * rng.standard_normal(4))) > least
     paper, own = (afl.simulate_ode("nominal", name) for name in ("fixed", "lqr"))
     peaks = np.abs(paper.state).max(axis=0)
     np.testing.assert_allclose(peaks, design.LARGEST_STATE, rtol=5e-3)  # rounded to three digits
@@ -88,11 +87,9 @@ def test_poles_not_in_pairs_are_refused_and_no_gains_near_the_lqr_s_cost_less(od
 
 def quadratic_cost(p, gains):
     a, b = design.upright_model(p)
-    weights = np.diag(1.0 / np.square(design.LARGEST_STATE))
     force = 1.0 / (design.LARGEST_ACCELERATION * (p.cart_mass + 0.25 * p.pole_mass)) ** 2
-    running = weights + force * np.outer(gains, gains)
-    closed = a - np.outer(b, gains)
-    return np.trace(solve_continuous_lyapunov(closed.T, -running))
+    running = np.diag(1.0 / np.square(design.LARGEST_STATE)) + force * np.outer(gains, gains)
+    return np.trace(solve_continuous_lyapunov((a - np.outer(b, gains)).T, -running))
 
 
 def test_the_placed_poles_are_those_of_the_paper_s_controller_with_its_fixed_gains():
@@ -123,10 +120,8 @@ def test_between_the_nodes_the_gains_are_the_plant_s_whoever_else_was_asked_for(
         np.testing.assert_allclose(found, how.method(p), rtol=2e-4)
         partial = design.partially_linear_model(p.half_length, p.gravity)
         model = design.upright_model(p) if kind == LINEAR else partial
-        poles = np.linalg.eigvals(model.a - np.outer(model.b, found))
-        assert poles.real.max() < -0.2
-    box = PlantRange((0.5, 2.0), (0.25, 1.0), 0.05, 9.81)
-    whole = how.over(box)
+        assert np.linalg.eigvals(model.a - np.outer(model.b, found)).real.max() < -0.2
+    whole = how.over(PlantRange((0.5, 2.0), (0.25, 1.0), 0.05, 9.81))
     nodes = [2.0 ** (k / 4.0) for k in range(-4, 1)]  # at a node, and a hair off it
     pairs = [*rng.uniform([0.5, 0.25], [2.0, 1.0], (6, 2)), *((x, x * (1 - 1e-16)) for x in nodes)]
     pairs += [(np.nextafter(x, 0.0), np.nextafter(x, 9.0)) for x in nodes[:-1]]
@@ -148,8 +143,7 @@ def test_a_plant_without_gains_is_refused_and_beyond_its_nodes_a_table_has_none(
 
 @pytest.mark.parametrize("name", [*BASELINES, "fixed", "adaptive", "adaptive-angle"])
 def test_every_simulator_agrees_on_a_baseline_as_on_the_paper_s_controller(name, odd_scenario):
-    settings = Settings(control_period=1e-3)
-    runs = closed_loop_runs(odd_scenario, afl.CONTROLLERS[name], settings)
+    runs = closed_loop_runs(odd_scenario, afl.CONTROLLERS[name], Settings(control_period=1e-3))
     checks = closed_loop_checks(odd_scenario, afl.CONTROLLERS[name], runs)
     assert {check.id for check in checks} - {"B2"} == {"A5", "B1", "B2b", "B3"}
     assert [str(check) for check in checks if not check.passed] == []
@@ -164,8 +158,7 @@ def test_a_ramp_across_many_nodes_does_not_part_the_simulators(name, monkeypatch
     exact = afl.simulate_mujoco(scenario, controller, "exact")
     assert np.abs(ode.state - exact.state).max() < 1e-11  # of a limit of 1e-9
     monkeypatch.setattr(integrator, "MAX_STEP", 2e-4)
-    short = afl.simulate_ode(scenario, controller)
-    assert np.abs(ode.state - short.state).max() < 3e-10
+    assert np.abs(ode.state - afl.simulate_ode(scenario, controller).state).max() < 3e-10
 
 
 @pytest.mark.parametrize("scenario", ["step-step-impulse", "trapezoid-trapezoid", HEAVY])

@@ -79,8 +79,7 @@ class Textbook:
         now = np.array([rate[2], rate[3] * math.exp(before[5])])
         self.excitation = self.excitation + share * (now - self.excitation)
         least = np.square([s.cart_mass_accuracy, s.half_length_accuracy])
-        thresholds = [s.least_cart_acceleration, s.least_pole_acceleration]
-        excited = np.abs(self.excitation) > thresholds
+        excited = np.abs(self.excitation) > [s.least_cart_acceleration, s.least_pole_acceleration]
         learns = excited | (np.diag(P)[4:] > least)
         H, R = np.eye(6)[:2], np.diag(np.square([s.position_noise, s.angle_noise]))
         S = H @ P @ H.T + R
@@ -105,9 +104,8 @@ def along(memory, settings, measured, forces, dt):
         if k == 0:
             out[k, :2] = estimator.start(memory, settings, measured[k, 0], measured[k, 1])
         else:
-            force = forces[k - 1]
             z, phi = measured[k]
-            out[k, 0], out[k, 1] = estimator.update(memory, settings, z, phi, force, dt)
+            out[k, 0], out[k, 1] = estimator.update(memory, settings, z, phi, forces[k - 1], dt)
         out[k, 2], out[k, 3], out[k, 4] = memory.state[2], memory.state[3], memory.nis
     return out
 
@@ -115,8 +113,7 @@ def along(memory, settings, measured, forces, dt):
 def run_estimator(settings, measured, forces, dt=DT, plant=NOMINAL):
     memory = estimator.new_filter()
     record, _ = settings.on(plant)
-    found = along(memory, record, np.ascontiguousarray(measured), np.asarray(forces), dt)
-    return found, memory
+    return along(memory, record, np.ascontiguousarray(measured), np.asarray(forces), dt), memory
 
 
 def driven(rng, x, count, push=8.0, known=(0.05, 9.81), walk=0.0):
@@ -131,8 +128,7 @@ def driven(rng, x, count, push=8.0, known=(0.05, 9.81), walk=0.0):
         wobble += 0.02 * (push * rng.standard_normal() - wobble)
         z, phi, z_dot, phi_dot, ln_mass, ln_length = states[k]
         mass, length = math.exp(ln_mass), math.exp(ln_length)
-        feedback = -(z + 2 * z_dot) - 30 * phi - 8 * phi_dot * math.sqrt(length)
-        forces[k] = mass * feedback + wobble
+        forces[k] = mass * (-(z + 2 * z_dot) - 30 * phi - 8 * phi_dot * math.sqrt(length)) + wobble
         inertia = mass + known[0] * (1 - 0.75 * math.cos(phi) ** 2)
         unknown = inertia * walk * rng.standard_normal() / math.sqrt(DT)
         states[k + 1] = rk4(states[k], forces[k] + unknown, *known, DT)
@@ -155,9 +151,8 @@ def test_its_sensitivities_are_derivatives_and_its_transition_their_exponential(
 
 @pytest.mark.parametrize(("settings", "dt"), [(EstimatorSettings(), 1e-3), (EVERY_ODD, 4e-3)])
 def test_it_is_the_textbook_s_filter(settings, dt, rng):
-    known = ODD.pole_mass, ODD.gravity
     x = np.array([0.1, -0.4, 0.3, 0.5, math.log(1.1), math.log(0.35)])
-    states, forces = driven(rng, x, 600, known=known)
+    states, forces = driven(rng, x, 600, known=(ODD.pole_mass, ODD.gravity))
     forces[300:] *= 0.01  # and a stretch with little to learn from
     measured = states[:, :2] + rng.standard_normal((601, 2)) * [1e-4, 5e-4]
     out, memory = run_estimator(settings, measured, forces, dt, ODD)
@@ -266,7 +261,6 @@ def test_it_knows_m_and_g_keeps_to_the_box_and_twice_the_start_and_starts_over_t
     memory = estimator.new_filter()
     estimator.start(memory, settings, 0.1, 0.2)
     memory["state"][:] = 1.0, 1.0, 1.0, 600.0, math.log(1.7), math.log(0.8)
-    found = estimator.update(memory, settings, 0.3, 0.4, 0.0, 1e-3)
-    assert found == pytest.approx((1.7, 0.8))
+    assert estimator.update(memory, settings, 0.3, 0.4, 0.0, 1e-3) == pytest.approx((1.7, 0.8))
     kept = [0.3, 0.4, 0.0, 0.0, math.log(1.7), math.log(0.8)]
     assert memory["state"].tolist() == pytest.approx(kept) and memory["nis"] == 0.0

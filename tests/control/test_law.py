@@ -37,8 +37,7 @@ def test_the_sliding_variable_is_l8_and_the_force_l9_and_l10_in_l1(random_states
     s = sliding_variable(random_states, p, GAINS)
     beyond = np.abs(s) > GAINS.boundary_layer
     assert beyond.any() and not beyond.all()  # both sides of the saturation
-    rounding = 1e-14 * np.abs(terms).sum(axis=0)
-    np.testing.assert_array_less(np.abs(s - terms.sum(axis=0)), rounding)
+    np.testing.assert_array_less(np.abs(s - terms.sum(axis=0)), 1e-14 * np.abs(terms).sum(axis=0))
     drift = alpha + 3 * lam * x4 + 3 * lam**2 * x3 + lam**3 * x2
     u = -drift / beta + GAINS.switching * np.clip(s / GAINS.boundary_layer, -1, 1)
     _, phi, _, phi_dot = random_states.T
@@ -79,10 +78,9 @@ def _rate(expression):
 
 
 def _split(expression):
-    drift = expression.subs(u, 0)
     factor = expression.diff(u)
     assert sp.simplify(factor.diff(u)) == 0
-    return sp.simplify(drift), sp.simplify(factor)
+    return sp.simplify(expression.subs(u, 0)), sp.simplify(factor)
 
 
 @pytest.fixture(scope="module")
@@ -111,8 +109,7 @@ def test_with_l1_the_plant_becomes_the_reduced_system(random_states, odd_paramet
     command = rng.uniform(-50, 50, len(random_states))
     _, angle, _, rate = random_states.T
     plant = (p.cart_mass, p.pole_mass, p.half_length, p.gravity)
-    force = fl.linearizing_force(command, angle, rate, *plant)
     pole = 3 / (4 * p.half_length) * (p.gravity * np.sin(angle) + command * np.cos(angle))
     expected = np.stack([command, pole], axis=-1)
-    actual = acceleration(random_states, force, p)
+    actual = acceleration(random_states, fl.linearizing_force(command, angle, rate, *plant), p)
     np.testing.assert_allclose(actual, expected, rtol=RELATIVE, atol=RELATIVE * 50)  # of |u|

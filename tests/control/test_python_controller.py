@@ -322,8 +322,7 @@ def test_what_outlives_a_run_is_remarked_on(smooth_scenario, module):
 ])  # fmt: skip
 def test_what_cannot_be_loaded_is_answered_in_one_line(spec, text, said, module):
     module("m", text)
-    expected = line(f"controller {spec!r} ", ..., said, ...)
-    with pytest.raises(InvalidValueError, match=expected):
+    with pytest.raises(InvalidValueError, match=line(f"controller {spec!r} ", ..., said, ...)):
         afl.find_controller(spec)
 
 
@@ -499,8 +498,7 @@ def test_what_remembers_nothing_runs_everywhere_and_is_used_as_it_is(smooth_scen
     own = controller_of(given)
     assert not own.stateful
     assert own.start().function is given or isinstance(given, partial)
-    few = ("ode", "sampled") if isinstance(given, partial) else SIMULATORS
-    for mode in few:
+    for mode in ("ode", "sampled") if isinstance(given, partial) else SIMULATORS:
         assert SIMULATORS[mode](smooth_scenario, given).outcome.kind == "fell"
 
 

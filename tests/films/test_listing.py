@@ -23,17 +23,15 @@ def test_a_film_takes_the_place_of_one_of_its_name_and_those_gone_are_left_out(t
 
 
 def test_a_report_shows_each_scenario_and_its_wide_films_first(tmp_path) -> None:
-    held = Deployed(control_period=0.005)
     write_listing(
-        tmp_path, film_entry("a.mp4", deployment=held),
+        tmp_path, film_entry("a.mp4", deployment=Deployed(control_period=0.005)),
         film_entry("b.mp4", controllers=("adaptive", "lqr")), film_entry("c.mp4", scenario="other"),
     )  # fmt: skip
     (section,) = sections(tmp_path, set())
     assert [part.title for part in section.parts] == ["other", "step-step"]
     assert [part.folded for part in section.parts] == [True, True]
     wide, single = section.parts[1].blocks
-    assert wide.wide and not single.wide
-    assert isinstance(wide, Film) and isinstance(single, Film)
+    assert wide.wide and not single.wide and isinstance(wide, Film) and isinstance(single, Film)
     assert [wide.file.name, single.file.name] == ["b.mp4", "a.mp4"]
     assert single.caption == "As deployed: RK4 at 1 ms, force held for 5 ms."
 
@@ -57,8 +55,7 @@ def test_films_of_another_version_and_of_other_scenarios_are_left_out(tmp_path) 
       for place in ({"file": "../../etc/x.mp4"}, {"poster": "/etc/x.png"})),
 ], ids=str)  # fmt: skip
 def test_a_list_that_is_not_understood_or_leads_elsewhere_is_refused(changes, message, tmp_path):
-    films = [asdict(film_entry("a.mp4")) | (changes or {})]
-    text = json.dumps({"schema": 1, "films": films})
+    text = json.dumps({"schema": 1, "films": [asdict(film_entry("a.mp4")) | (changes or {})]})
     (tmp_path / LISTING).write_text(text if changes else text[:1])
     end = ["run afl-mujoco render"] if "lie" not in message else []
     with pytest.raises(FileError, match=line(..., message, ..., *end)):

@@ -148,8 +148,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
     stops, limits = (sorted(float(g.pos[0]) for g in boxes if np.allclose(g.rgba, colour))
                      for colour in (STOP, LIMIT))  # fmt: skip
     thick = 0.015 * m.stat.extent
-    touched = [at - ref - 1.1 - thick, at - ref + 1.1 + thick]
-    np.testing.assert_allclose(stops, touched, atol=1e-6)
+    np.testing.assert_allclose(stops, [at - ref - 1.1 - thick, at - ref + 1.1 + thick], atol=1e-6)
     np.testing.assert_allclose(limits, [-ref - 0.8, -ref + 0.8], atol=1e-6)
 
 

@@ -121,12 +121,25 @@ def test_a_drive_that_is_not_linear_and_rows_that_are_too_slow_are_remarked_on()
         "The whole leaves 2.5 times"
     )
     assert not [x for x in report(replace(one, identified=shipped)).blocks if isinstance(x, str)]
+    bent = {"coupling": {"value": 0.98, "low": 0.97, "high": 0.99},
+            "delay": {"value": 0.1, "on_bound": True}}  # fmt: skip
+    pole, drive = (
+        replace(step, estimates=tuple(replace(x, **bent.get(x.name, {})) for x in step.estimates))
+        for step in shipped.steps
+    )
+    pole = replace(pole, scatter_phi=3.0 * shipped.description.phi.count)
+    one = Result(identified=replace(shipped, pole=pole, drive=drive), shown=None)
+    said = [block[:26] for block in report(one).blocks if isinstance(block, str)]
+    assert said == [
+        "The pole alone leaves 3 re",
+        "k is 0.98, and 1 for a rig",
+        "The delay of the command i",
+    ]
 
 
 def test_the_shipped_pole_is_the_rod_that_its_owners_describe() -> None:
     description = load_description(DESCRIPTION)
-    windows = cut(read_logs([FIT], description)[::4], 0.5, 0.5)
-    found, _ = identify_pole(windows, description)
+    found, _ = identify_pole(cut(read_logs([FIT], description)[::4], 0.5, 0.5), description)
     assert found.by_name["gravity_term"] == pytest.approx(37.25, rel=0.015)
     assert found.by_name["coupling"] == pytest.approx(1.0, abs=0.03)
     assert found.by_name["angle_scale"] == pytest.approx(4096.0 / 4271.34, rel=0.005)
@@ -171,9 +184,8 @@ def test_logs_of_two_carts_and_a_command_that_does_not_drive_are_refused(logs) -
 def test_missing_rows_do_not_mislead_nor_five_hundred_rows_a_second() -> None:
     d, some = TRUTH.description, []
     for i in range(2):
-        columns = swing(TRUTH, i, 3.0)
         kept = np.delete(np.arange(150), slice(60 + 10 * i, 80 + 10 * i))  # 0.4 s
-        some.append(log_of(f"gap-{i}", {k: v[kept] for k, v in columns.items()}, d))
+        some.append(log_of(f"gap-{i}", {k: v[kept] for k, v in swing(TRUTH, i, 3.0).items()}, d))
     found = identify(some, d, workers=2)
     assert_found(found, "gravity_term", "coupling", "gain", "decay")
     assert found.find("delay").value == pytest.approx(TRUTH.delay, abs=5e-4)

@@ -48,8 +48,7 @@ def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:
     held = []
     for seed in range(120):
         data = decays(np.random.default_rng(seed), 24)
-        found = fitted(data, [parameter("rate", 1.8)], np.repeat(np.arange(12), 2))
-        one = found.estimates["rate"]
+        one = fitted(data, [parameter("rate", 1.8)], np.repeat(np.arange(12), 2)).estimates["rate"]
         held.append(one.low <= 2.0 <= one.high)
     assert 0.88 <= np.mean(held) <= 0.99
 
@@ -113,8 +112,7 @@ def test_starts_that_are_far_off_are_found_too() -> None:
 
 def test_a_log_of_a_single_window_has_the_scatter_of_all_logs() -> None:
     """Each window tells the rate by itself; its own residuals say nothing of its error."""
-    rng = np.random.default_rng(3)
-    times, noise = np.linspace(0.0, 1.0, 20), rng.normal(size=(40, 1, 20))
+    times, noise = np.linspace(0.0, 1.0, 20), np.random.default_rng(3).normal(size=(40, 1, 20))
 
     def errors(shared, starts):
         return shared[0] * times + starts[:, None] - 2.0 * times - noise

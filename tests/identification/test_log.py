@@ -72,8 +72,7 @@ def test_lost_rows_are_found_however_the_stamps_scatter(columns, scatter) -> Non
 def test_strong_jitter_is_no_lost_row() -> None:
     for seed in range(12):
         rng, columns = np.random.default_rng(seed), swing(TRUTH, seed, 4.0)
-        late = np.clip(rng.normal(0.0, 0.2, 200), -0.45, 0.45)
-        columns["time"] = 0.02 * (np.arange(200) + late)
+        columns["time"] = 0.02 * (np.arange(200) + np.clip(rng.normal(0.0, 0.2, 200), -0.45, 0.45))
         log = log_of("late", columns, TRUTH.description)
         assert log.missing == 0 and log.period == pytest.approx(0.02, rel=2e-3)
 
@@ -104,8 +103,7 @@ def test_readings_grow_through_a_dead_zone_and_degrees_would_be_more_than_a_turn
 
 
 def changed(columns, name: str, row: int, value: float) -> dict[str, np.ndarray]:
-    rows = np.arange(len(columns[name]))
-    return {**columns, name: np.where(rows == row, value, columns[name])}
+    return {**columns, name: np.where(np.arange(len(columns[name])) == row, value, columns[name])}
 
 
 BAD = {
@@ -152,8 +150,7 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, 
     (("", ""), "utf-16", "not UTF-8 text: save it as UTF-8"),
 ], ids=lambda value: value if value == "utf-16" else "")  # fmt: skip
 def test_what_is_wrong_in_a_log_is_named(tmp_path, columns, change, encoding, message) -> None:
-    regular = {**columns, "time": 0.02 * np.arange(len(columns["time"]))}
-    path = written(tmp_path, regular)
+    path = written(tmp_path, {**columns, "time": 0.02 * np.arange(len(columns["time"]))})
     text = path.read_text().replace(*change) if change[0] else path.read_text()
     path.write_text(text, encoding=encoding)
     with pytest.raises(AflMujocoError, match=f"(?s)^{re.escape(str(path))}.*{re.escape(message)}"):

@@ -24,8 +24,7 @@ def test_starts_are_where_they_should_be_and_nothing_predicted_is_fitted(w) -> N
     assert w.past == 16 and np.diff(w.time[:, 0]) == pytest.approx(0.1, rel=1e-3)
     rows, near = w.rows(0.2)
     assert near.all()
-    after = w.time[np.arange(w.count), rows] - w.time[:, w.past - 1]
-    assert after == pytest.approx(0.2, rel=1e-3)
+    assert w.time[np.arange(w.count), rows] - w.time[:, w.past - 1] == pytest.approx(0.2, rel=1e-3)
     other = replace(w, phi=w.phi.copy(), z=w.z.copy())
     other.phi[:, w.past :] += 0.5
     other.z[:, w.past :] += 0.1
@@ -42,23 +41,20 @@ def test_the_true_model_predicts_to_its_sensors_noise_and_errors_are_what_they_s
     alone = prediction.predicted_by_pole(w, VALUES, D)
     both = np.stack([0.0 * alone, alone], axis=1)
     (driven,) = prediction.errors_of(w, both, (0.1,), VALUES, D, position=False)
-    assert driven.counts_phi < 3.0
-    assert driven.rms_z is driven.counts_z is driven.explained_z is None
+    assert driven.counts_phi < 3.0 and driven.rms_z is driven.counts_z is driven.explained_z is None
     read = np.stack([w.z + 0.002, w.phi - 0.003], axis=1)
     (found,) = prediction.errors_of(w, read, (0.2,), {**VALUES, "angle_scale": 0.5}, D)
     assert found.rms_z == pytest.approx(0.002) and found.counts_z == pytest.approx(20.0)
     assert found.counts_phi == pytest.approx(0.003 / TRUTH.count)
     assert found.rms_phi == pytest.approx(0.5 * 0.003)
     rows, _ = w.rows(0.2)
-    z = w.z[np.arange(w.count), rows]
-    assert found.explained_z == pytest.approx(1.0 - 0.002**2 / z.var())
+    assert found.explained_z == pytest.approx(1.0 - 0.002**2 / w.z[np.arange(w.count), rows].var())
     assert found.starts == w.count >= found.away
     valid = w.valid.copy()  # readings that say nothing are not judged
     valid[::2, -1] = 0.0
-    some = replace(w, valid=valid)
     read = np.stack([w.z, w.phi], axis=1)
     read[::2, 1, -1] += 9.0
-    (found,) = prediction.errors_of(some, read, (0.5,), VALUES, D)
+    (found,) = prediction.errors_of(replace(w, valid=valid), read, (0.5,), VALUES, D)
     assert found.starts == w.count // 2 and found.rms_phi == 0.0
 
 
@@ -72,8 +68,7 @@ def test_the_force_is_the_command_behind_delay_and_lag(delay: float, lag: float)
     command = np.where(fine < delay, log.command[0], command) - 0.05
     if lag:
         share = 1e-5 / lag
-        steps = accumulate(command.tolist(), lambda x, c: x + share * (c - x))
-        command = np.array([*steps])
+        command = np.array([*accumulate(command.tolist(), lambda x, c: x + share * (c - x))])
     for b in (1, 3):
         for j in (0, 7, 50):
             start = windows.time[b, 0] + j * windows.step

@@ -42,8 +42,7 @@ def derived():
         "mass_matrix": sp.hessian(_flat(kinetic), FLAT[2:]).tolist(),
         "energy": _flat(kinetic + potential), "momentum": _flat(kinetic.diff(z.diff(t))),
     }  # fmt: skip
-    arguments = (FLAT, F, (M, m, L, g))
-    return {k: sp.lambdify(arguments, e, "numpy") for k, e in expressions.items()}
+    return {k: sp.lambdify((FLAT, F, (M, m, L, g)), e, "numpy") for k, e in expressions.items()}
 
 
 def _numbers(p):

@@ -51,8 +51,7 @@ def test_compiled_and_interpreted_give_the_same_with_one_key_in_every_process(tm
     # else nothing would be found in the cache
     body = "inner = lambda x: x + 1.0\n    return inner(q[0]), max(x for x in (1.0, 2.0))"
     plant = small(tmp_path, plants.equations(body))
-    said = [*equations._read(plant.accelerations, {})]
-    assert not any(" at 0x" in text for text in said)
+    assert not any(" at 0x" in text for text in equations._read(plant.accelerations, {}))
 
 
 def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, monkeypatch):
@@ -72,8 +71,7 @@ def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, 
 
 @pytest.mark.slow
 def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None:
-    bodies = ("constants.G * 2.0", "weight(2.0)", "twice(constants.weight)")
-    for i, body in enumerate(bodies):
+    for i, body in enumerate(("constants.G * 2.0", "weight(2.0)", "twice(constants.weight)")):
         (tmp_path / f"stale{i}.py").write_text(STALE.format(body))
     said = []
     for constant in (2.0, 1.0, 1.0):

@@ -33,8 +33,7 @@ def terms_of(text: str):
 
 def headline(text: str, terms) -> str:
     names = {"coordinates": ("yaw", "pitch", "spin"), "inputs": ("a", "b")}
-    plant = afl.Plant(name="arm", model=text, terms=terms, **names)
-    return afl.check(plant, samples=60).headline
+    return afl.check(afl.Plant(name="arm", model=text, terms=terms, **names), samples=60).headline
 
 
 EQUATIONS = {

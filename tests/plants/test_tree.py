@@ -73,8 +73,7 @@ def test_terms_follow_from_the_kinetic_and_potential_energy_of_mujocos_bodies() 
         kinetic = 0.5 * (m.body_mass * (speed**2).sum(1) + (m.body_inertia * spin**2).sum(1))
         weight = m.body_mass @ (x @ m.opt.gravity)
         spring = 0.5 * np.sum(m.jnt_stiffness.reshape(4, -1)[:, 0] * (q - m.qpos_spring) ** 2)
-        armature = 0.5 * np.sum(m.dof_armature * v**2)
-        return float(kinetic.sum() + armature + weight - spring)
+        return float(kinetic.sum() + 0.5 * np.sum(m.dof_armature * v**2) + weight - spring)
 
     unit, step = np.eye(4), 1e-2
     first = [lagrangian(q + 1e-4 * e, v) - lagrangian(q - 1e-4 * e, v) for e in unit]
@@ -181,6 +180,5 @@ def test_the_tree_is_what_sympy_derives_from_the_lagrangian(derivation) -> None:
         at, rate, values = rng.uniform(-3, 3, n), rng.uniform(-5, 5, n), rng.uniform(low, high)
         own = terms_of(Tree(**model.tree(model.rows(values)[0])), at, rate)
         given = zip(terms(at, rate, plant.named(values)), ((n, n), (n,), (n, k)), strict=True)
-        truth = [np.reshape(x, shape) for x, shape in given]
-        for mine, its in zip(own[:3], truth, strict=True):
+        for mine, its in zip(own[:3], [np.reshape(x, shape) for x, shape in given], strict=True):
             np.testing.assert_allclose(mine, its, rtol=0, atol=1e-12 * np.abs(its).max())

@@ -122,8 +122,7 @@ def test_the_compiled_writer_writes_the_same(name: str) -> None:
 
 
 def test_a_file_that_changes_while_it_runs_is_refused_by_another_process(tmp_path) -> None:
-    spec = varied(tmp_path)
-    written = pickle.dumps(load_plant(spec, tmp_path))
+    written = pickle.dumps(load_plant(varied(tmp_path), tmp_path))
     varied(tmp_path, ("length=p.length)", "length=0.9 * p.length)"))
     with pytest.raises(afl.AflMujocoError, match="must not change while it runs, but its file did"):
         pickle.loads(written)

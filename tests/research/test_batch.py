@@ -81,10 +81,8 @@ def test_a_loop_does_not_depend_on_its_neighbours() -> None:
 
 
 def test_lost_loops_cost_more_than_any_other_and_the_earlier_the_more() -> None:
-    rng = np.random.default_rng(6)
-    gains = rng.uniform((0.5, 0.5, 90.0), (60.0, 5.0, 110.0), (200, 3))
-    start = (5.0, 1.5, 10.0, 5.0)
-    terms = closed_loop_terms(gains, (1.0, 1.0), initial_state=start)
+    gains = np.random.default_rng(6).uniform((0.5, 0.5, 90.0), (60.0, 5.0, 110.0), (200, 3))
+    terms = closed_loop_terms(gains, (1.0, 1.0), initial_state=(5.0, 1.5, 10.0, 5.0))
     costs = penalised_objective(terms, SCALES, 20.0)
     assert np.isfinite(costs).all() and 20 < terms.lost.sum() < 195
     assert costs[terms.lost].min() >= PENALTY > costs[~terms.lost].max()
@@ -115,9 +113,8 @@ def test_the_terms_are_those_of_the_reference(name: str) -> None:
 def test_held_gains_are_those_of_the_start(index: int) -> None:
     scenario = random_scenario(3, index)
     gains = GainFunction.published().gains(scenario.cart_mass.at(0.0), scenario.half_length.at(0.0))
-    constant_gains = GainFunction.constant(gains)
     held = scheduled_terms(*knots([scenario]), PUBLISHED, 20.0, held=True)
-    same = scheduled_terms(*knots([scenario]), constant_gains.coefficients, 20.0)
+    same = scheduled_terms(*knots([scenario]), GainFunction.constant(gains).coefficients, 20.0)
     following = scheduled_terms(*knots([scenario]), PUBLISHED, 20.0)
     assert held.iae_z == pytest.approx(same.iae_z, rel=1e-12)
     assert held.iae_z != pytest.approx(following.iae_z, rel=1e-3)

@@ -42,8 +42,7 @@ def test_the_search_finds_the_optimum_in_the_contest() -> None:
 
 def test_a_comparison_counts_wins_with_an_exact_interval() -> None:
     fixed = np.array([1.0, 2.0, np.inf, 1.0, np.inf])
-    adaptive = np.array([0.5, 2.5, 3.0, np.inf, np.inf])
-    found = claims.compare(fixed, adaptive)
+    found = claims.compare(fixed, np.array([0.5, 2.5, 3.0, np.inf, np.inf]))
     assert (found.schedules, found.share) == (5, 0.4)
     assert found.interval == pytest.approx((0.0527, 0.8534), abs=1e-4)  # Clopper-Pearson, 2 of 5
     assert found.quantiles["median"] == 0.0 and found.quantiles["least"] is None

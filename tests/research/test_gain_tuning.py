@@ -15,8 +15,7 @@ def test_the_shipped_table_is_the_paper_s_grid_confirmed_by_mujoco_and_in_use() 
     assert {"settings", "box", "seed", "versions"} <= set(table.provenance)
     found, said = table.column("objective_mujoco"), table.column("objective")
     np.testing.assert_allclose(found, said, rtol=1e-4)  # 1 ms: a kinked peak may lie between two
-    nominal = table.gains(1.0, 0.5)
-    assert CONTROLLERS["fixed-retuned"].gain_function.gains(0.3, 0.9) == nominal
+    assert CONTROLLERS["fixed-retuned"].gain_function.gains(0.3, 0.9) == table.gains(1.0, 0.5)
 
 
 def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_box() -> None:
@@ -24,11 +23,9 @@ def test_a_search_finds_what_a_bounded_scalar_search_finds_on_the_edge_of_the_bo
     unit = gain_tuning.pair_searches((1.0,), (0.5,), small, seed=0)[0]
     _, _, switching, slope, layer, found = gain_tuning.search_pair(unit)
     cost = gain_tuning.gain_cost(1.0, 0.5)
-
-    def along(x):
-        return float(cost(np.array([[100.0, x, 90.0]]))[0])
-
-    best = minimize_scalar(along, bounds=(1.0, 5.0), method="bounded")
+    best = minimize_scalar(
+        lambda x: cost(np.array([[100.0, x, 90.0]])).item(), bounds=(1.0, 5.0), method="bounded"
+    )
     assert (switching, layer) == pytest.approx((100.0, 90.0), abs=1e-6)
     assert slope == pytest.approx(best.x, abs=1e-2)  # the bottom is flat: cost within 1e-6
     assert found == pytest.approx(best.fun, rel=1e-6)

@@ -27,8 +27,7 @@ BOX = genetic.Box((-2.0, 5.0, 0.0), (2.0, 9.0, 0.5))
 def test_a_group_moves_along_the_ways_to_its_fittest(chromosomes, costs, rhos, expected) -> None:
     given = (np.array(x) for x in (chromosomes, costs, [range(len(costs))]))
     drawing = SimpleNamespace(random=lambda size: np.reshape(rhos, size))
-    children = genetic.multiple_crossover(*given, drawing)
-    assert children.tolist() == [[list(x) for x in expected]]
+    assert genetic.multiple_crossover(*given, drawing).tolist() == [[list(x) for x in expected]]
 
 
 def test_a_mutant_is_shifted_by_one_uniform_number_of_at_most_the_constant(rng) -> None:

@@ -41,6 +41,5 @@ def test_steps_and_trapezoids_are_even_and_those_of_m_say_nothing_about_l() -> N
         assert spearmanr(*levels).pvalue > CERTAIN
         times = [[s.breakpoints[which] for s in all_] for all_, _ in SCHEDULES.values()]
         assert spearmanr(*times).pvalue > CERTAIN
-    pairs = itertools.pairwise(DRAWN)
-    after = [[a.cart_mass.values[0], b.cart_mass.values[0]] for a, b in pairs]
+    after = [[a.cart_mass.values[0], b.cart_mass.values[0]] for a, b in itertools.pairwise(DRAWN)]
     assert spearmanr(*np.transpose(after)).pvalue > CERTAIN

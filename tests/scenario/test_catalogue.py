@@ -30,7 +30,6 @@ def test_a_case_has_the_schedules_of_d3(name):
 def test_every_scenario_has_the_paper_s_constants_and_only_some_the_pulse_of_d6(name):
     assert list(afl.SCENARIOS) == ["nominal", *CASES, *(f"{case}-impulse" for case in CASES)]
     s, pulse = afl.SCENARIOS[name], afl.ForcePulse(force=-10.0, start=10.0, duration=0.1)
-    assert s.name == name
-    assert (s.pole_mass, s.gravity, s.duration) == (0.05, 9.81, 20.0)
+    assert s.name == name and (s.pole_mass, s.gravity, s.duration) == (0.05, 9.81, 20.0)
     assert s.initial_state == (0.0, -math.pi / 3, 0.0, 0.0)
     assert s.disturbances == ((pulse,) if name.endswith("-impulse") else ())

@@ -29,8 +29,7 @@ FIELDS = [field.name for field in dataclasses.fields(Imperfections)]
 
 def test_every_option_survives_a_file_alone_and_with_all_others(tmp_path):
     assert [name for name in FIELDS if getattr(REAL, name) == getattr(IDEAL, name)] == []
-    alone = [Imperfections(**{name: getattr(REAL, name)}) for name in FIELDS]
-    for imperfections in (REAL, *alone):
+    for imperfections in (REAL, *[Imperfections(**{name: getattr(REAL, name)}) for name in FIELDS]):
         scenario = afl.Scenario(name="real", imperfections=imperfections)
         afl.save_scenario(scenario, tmp_path / "s.toml")
         assert afl.load_scenario(tmp_path / "s.toml") == scenario

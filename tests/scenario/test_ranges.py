@@ -69,8 +69,7 @@ def test_a_scenario_with_ranges_survives_its_file_and_is_its_space_s_reference(r
 
 def test_a_scenario_without_ranges_keeps_what_it_has_and_gets_the_laboratorys_rest() -> None:
     own = replace(afl.SCENARIOS["step-step"], imperfections=afl.Imperfections(delay=0.03))
-    varied = with_ranges(own).ranges
-    assert varied == {n: r for n, r in HARDWARE_RANGES.items() if n != "delay"}
+    assert with_ranges(own).ranges == {n: r for n, r in HARDWARE_RANGES.items() if n != "delay"}
     sample = sample_scenario(SampleSpace(with_ranges(own)), 0, 1)
     assert sample.imperfections.delay == 0.03 and sample.cart_mass == own.cart_mass
     assert with_ranges(own, start=True).ranges.keys() >= START.keys()

@@ -48,8 +48,7 @@ def test_a_sample_depends_on_index_and_seed_alone_and_is_the_same_for_ever() -> 
 
 
 def test_points_noise_and_searches_share_no_random_numbers() -> None:
-    point = np.full(SPACE.dimension, 0.3)
-    one, other = (SPACE.scenario_of(point, i, 1) for i in (0, 1))
+    one, other = (SPACE.scenario_of(np.full(SPACE.dimension, 0.3), i, 1) for i in (0, 1))
     assert one.imperfections.seed != other.imperfections.seed
     same = replace(one.imperfections, seed=other.imperfections.seed)
     assert replace(one, name=other.name, imperfections=same) == other

@@ -101,9 +101,8 @@ def test_what_moves_is_in_view_at_every_instant(far: float) -> None:
     (run,) = data["runs"]
     aims, middles = decode(run["aims"], 2), decode(run["centres"], 2, 3)[..., :2]
     hinge = middles[:, 0] + [0.0, 0.1]  # the top of the cart
-    tip = 2.0 * middles[:, 1] - hinge
     assert (np.ptp(aims, axis=0).max() == 0.0) == (far < 1.0)  # else it follows
-    for points in (hinge, tip):
+    for points in (hinge, 2.0 * middles[:, 1] - hinge):
         assert (np.abs(points - aims) <= 0.5 * np.array(data["view"])).all()
     assert max(data["view"]) < 6.0  # of a plant of 1 m
 

@@ -21,8 +21,7 @@ def installed(monkeypatch):
     monkeypatch.setenv("PYOPENGL_PLATFORM", "glx")
 
     def say(*libraries):
-        found = {name: name for name in libraries}
-        monkeypatch.setattr(ctypes.util, "find_library", found.get)
+        monkeypatch.setattr(ctypes.util, "find_library", {name: name for name in libraries}.get)
 
     return say
 

@@ -58,15 +58,13 @@ def test_gymnasium_s_checker_accepts_the_pictures(graphics: None) -> None:
 def test_the_scenarios_of_the_paper_are_registered_as_they_are_and_at_random() -> None:
     registration.register()  # once more does nothing
     names = sorted(name for name in gymnasium.registry if name.startswith("afl_mujoco/"))
-    assert names == sorted([*IDS, "afl_mujoco/Scenario-v0"])
-    assert len(names) == 20
+    assert names == sorted([*IDS, "afl_mujoco/Scenario-v0"]) and len(names) == 20
     for name in IDS:
         scenario = gymnasium.spec(name).kwargs["scenario"]
         environment = gymnasium.make(name).unwrapped
         assert environment.scenario.name == scenario
         environment.reset(seed=1)
-        drawn = environment.scenario.name.startswith(f"{scenario}-0-")
-        assert drawn == name.endswith("-Random-v0")
+        assert environment.scenario.name.startswith(f"{scenario}-0-") == name.endswith("-Random-v0")
 
 
 @pytest.mark.slow
@@ -166,8 +164,7 @@ def test_every_episode_of_a_random_environment_is_another_one_and_a_seed_repeats
     index = int(scenario.name.split("-")[-1])
     assert scenario == sample_scenario(SampleSpace(LABORATORY), index, 0)
     assert scenario.imperfections.at("dry_friction.z") > 0.0
-    ours = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0", scaled=False)
-    seen, _ = ours.reset(seed=1)
+    seen, _ = gymnasium.make("afl_mujoco/CartPole-step-step-Random-v0", scaled=False).reset(seed=1)
     task_seed = int(np_random(1)[0].integers(2**32))
     twin = afl.load("step-step", randomize=True, random=task_seed, control_period=CONTROL_PERIOD)
     np.testing.assert_array_equal(seen[:2], twin.reset().observation["position"])

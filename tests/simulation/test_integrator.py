@@ -36,8 +36,7 @@ def _run(scenario, derivative=lambda s, mass, push: (s[2], s[3], push / mass, 0.
         mass = after.values_at(after.start)[0]
         return state + np.array([0.0, 0.0, after.impulse[0] / mass, 0.0])
 
-    solver = scipy_solver(rate, criterion_of(scenario))
-    states, outcome = integrate(scenario, solver, arrive, times)
+    states, outcome = integrate(scenario, scipy_solver(rate, criterion_of(scenario)), arrive, times)
     return times, states, outcome
 
 
@@ -50,8 +49,7 @@ def test_a_pulse_is_not_missed_and_an_impulse_jumps_with_the_mass_after_the_jump
     assert states[-1, 0] == pytest.approx(0.005 + 20.0 - 10.0103, rel=TIGHT)
     assert (states[times <= 10.0003] == 0.0).all()
     heavier = REST.with_schedule(cart_mass=afl.staircase((5.0,), (1.0, 2.0)))
-    scenario = replace(heavier, disturbances=(afl.Impulse(momentum=3.0, time=5.0),))
-    times, states, _ = _run(scenario)
+    times, states, _ = _run(replace(heavier, disturbances=(afl.Impulse(momentum=3.0, time=5.0),)))
     assert (states[times < 5.0] == 0.0).all() and states[-1, 2] == pytest.approx(1.5, rel=TIGHT)
     assert states[-1, 0] == pytest.approx(1.5 * 15.0, rel=TIGHT)
 
@@ -73,11 +71,9 @@ def test_a_fall_a_divergence_and_no_value_at_the_start_end_the_run_when_they_hap
 
 def by_scipy(scenario, controller, period=1e-2, **tolerances):
     loop = ode.Loop(scenario, MovingTrees(scenario.plant), controller)
-    times = time_grid(scenario, period)
-    criterion = criterion_of(scenario)
-    solver = scipy_solver(loop.derivative, criterion, **tolerances)
+    solver = scipy_solver(loop.derivative, criterion_of(scenario), **tolerances)
     nodes = controller.nodes_within(scenario.spans)
-    return integrate(scenario, solver, loop.arrive, times, nodes=nodes)
+    return integrate(scenario, solver, loop.arrive, time_grid(scenario, period), nodes=nodes)
 
 
 @pytest.mark.parametrize("name", ["adaptive-nominal", "lqr", "stretching rod"])

@@ -108,8 +108,7 @@ def test_a_run_that_fell_shows_only_what_it_broke_and_had_come_to_rest_before() 
     ({"delay": 8.0}, "the delay, 8 s, is 80 % of the run", "not in ms or Hz"),
 ], ids=str)  # fmt: skip
 def test_a_value_in_another_unit_is_remarked_on(changes: dict, said: str, ends: str) -> None:
-    scenario = replace(SCENARIO, imperfections=IDEAL.changed(changes))
-    (remark,) = unit_remarks(scenario, 0.001)
+    (remark,) = unit_remarks(replace(SCENARIO, imperfections=IDEAL.changed(changes)), 0.001)
     assert remark.startswith(said) and remark.endswith(ends)
 
 

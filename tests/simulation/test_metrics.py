@@ -43,11 +43,8 @@ def test_integrals_and_peaks_match_their_closed_forms(name: str, expected: float
 
 @pytest.mark.parametrize("simulate", [afl.simulate_mujoco, afl.simulate_ode_held])
 def test_a_held_force_is_integrated_as_the_staircase_it_is(simulate) -> None:
-    def bang(time: float, state: np.ndarray, belief: object) -> float:
-        return 3.0 if time < 0.199 else -2.0
-
     scenario = afl.Scenario(name="pushed", initial_state=(0.0, 0.01, 0.0, 0.0), duration=0.3)
-    run = simulate(scenario, bang, control_period=0.1)
+    run = simulate(scenario, lambda time, *_: 3.0 if time < 0.199 else -2.0, control_period=0.1)
     assert run.outcome.kind == "completed"
     figures = run.metrics
     assert figures["force_squared"] == pytest.approx(9.0 * 0.2 + 4.0 * 0.1, rel=1e-12)
@@ -68,8 +65,7 @@ def test_settling_is_for_good_and_overshoot_is_beyond_the_target() -> None:
 
 
 def test_what_a_run_did_not_show_is_none() -> None:
-    short = afl.Scenario(name="short", duration=0.5)
-    run = afl.simulate_ode(short, "fixed", sample_period=1e-2)
+    run = afl.simulate_ode(afl.Scenario(name="short", duration=0.5), "fixed", sample_period=1e-2)
     assert measured(run)["settling_2pc_z"] is None  # it ends outside the band
     scales = ObjectiveScales(iae_z=1.0, iae_phi=1.0, max_force=1.0)
     figures = with_objective(measured(decaying_run("fell")), scales)
@@ -114,8 +110,7 @@ def test_the_share_outside_the_boundary_layer_is_by_what_the_controller_is_told(
     scenario = afl.Scenario(name="wrong", initial_state=start, belief=wrong, duration=5.0)
     fixed = afl.CONTROLLERS["fixed"]
     run = afl.simulate_mujoco(scenario, fixed)
-    told = afl.CartPoleParameters(half_length=0.25)
-    s = afl.sliding_variable(run.state, told, afl.FIXED_GAINS)
+    s = afl.sliding_variable(run.state, afl.CartPoleParameters(half_length=0.25), afl.FIXED_GAINS)
     outside = (np.abs(s) >= afl.FIXED_GAINS.boundary_layer).astype(float)
     expected = np.trapezoid(outside, run.time) / 5.0
     assert 0.0 < expected < 0.01  # by the true length it is 0.03

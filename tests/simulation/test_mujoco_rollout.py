@@ -26,8 +26,7 @@ def _difference(one, other):
 def test_b3_sampled_mode_is_the_held_loop(odd_scenario, controller, hold):
     settings = {"timestep": 1e-3, "control_period": hold * 1e-3}
     run = afl.simulate_mujoco(odd_scenario, controller, mode="sampled", **settings)
-    held = afl.simulate_ode_held(odd_scenario, controller, **settings)
-    assert _difference(run, held) <= B3
+    assert _difference(run, afl.simulate_ode_held(odd_scenario, controller, **settings)) <= B3
     held_for = run.force[:-1].reshape(-1, hold)
     assert (held_for == held_for[:, :1]).all()
 
@@ -76,8 +75,7 @@ SIMULATORS = {
 @pytest.mark.parametrize("name", SIMULATORS)
 @pytest.mark.parametrize("start", [(0, 1.569, 0, 10.0), (0, 0, 0, 9e5)], ids=["force", "state"])
 def test_what_goes_beyond_all_bounds_at_the_start_ends(name, start, smooth_scenario, adaptive):
-    edge = replace(smooth_scenario, initial_state=start, duration=0.1)
-    run = SIMULATORS[name](edge, adaptive)
+    run = SIMULATORS[name](replace(smooth_scenario, initial_state=start, duration=0.1), adaptive)
     assert run.outcome.kind != "completed" and np.isfinite(run.state).all()
 
 

@@ -72,8 +72,7 @@ def test_a_fall_inside_a_control_period_ends_an_episode_as_it_ends_a_run() -> No
     for world in worlds(scenario):
         world.reset()
         shape = world.action_space.shape
-        ended = [bool(world.step(np.zeros(shape))[2]) for _ in range(11)]
-        assert ended == [*[False] * 10, True]
+        assert [bool(world.step(np.zeros(shape))[2]) for _ in range(11)] == [*[False] * 10, True]
 
 
 def test_starts_are_measured_from_the_target_the_shorter_way() -> None:
@@ -94,8 +93,7 @@ def test_metrics_and_tables_say_from_where_a_deviation_is_measured(tmp_path) -> 
     values = {one["requirement"]: one["value"] for one in result.requirements}
     for name, x, target in (("z", run.state[:, 1], 0.5),
                             ("load_height", run.signals["load_height"], -0.25)):  # fmt: skip
-        furthest = np.abs(x - target).max()
-        assert values[f"max.{name}"] == run.metrics[f"peak_{name}"] == furthest
+        assert values[f"max.{name}"] == run.metrics[f"peak_{name}"] == np.abs(x - target).max()
     printed, shown = str(result), {label_of(name, run.layout) for name in run.metrics}
     assert "|z − 0.5| at most 1 m" in printed and "|load_height + 0.25| at most 1 " in printed
     assert {"∫|z − 0.5| dt", "max |x|", "least load_height"} <= shown
@@ -116,8 +114,7 @@ def test_every_simulator_of_equations_takes_a_controller_by_its_name(simulate) -
 
 @pytest.mark.parametrize("name", ["lqr", "adaptive", "partial-linearization", "adaptive-estimated"])
 def test_the_controllers_of_the_cart_pole_bring_it_to_its_target(name: str) -> None:
-    modes = ("sampled",) if name.endswith("estimated") else ("sampled", "exact", "continuous")
-    for mode in modes:
+    for mode in ("sampled",) if name.endswith("estimated") else ("sampled", "exact", "continuous"):
         here, there = (afl.simulate_mujoco(x, name, mode) for x in (LEAN, THERE))
         np.testing.assert_allclose(there.state - here.state, [[1, 0, 0, 0]] * len(here.state),
                                    atol=1e-10)  # fmt: skip

@@ -50,8 +50,7 @@ AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_per
 
 @pytest.mark.parametrize(("name", "hold"), [("adaptive", 10), ("lqr", 1)])
 def test_with_imperfections_it_is_the_sampled_rollout_too(name, hold):
-    start = (0.0, 0.3, 0.0, 0.0)
-    scenario = _short("step-step", 1.2, initial_state=start, imperfections=ROUGH)
+    scenario = _short("step-step", 1.2, initial_state=(0.0, 0.3, 0.0, 0.0), imperfections=ROUGH)
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP}
     controller = afl.CONTROLLERS[name]
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
@@ -77,8 +76,7 @@ def test_an_agent_repeats_the_sampled_rollout_bit_for_bit(case, name, hold, by):
     scenario, controller = CASES[case], afl.CONTROLLERS[name]
     settings = {"timestep": TIMESTEP, "control_period": hold * TIMESTEP, "integrator": by}
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
-    environment = afl.load(scenario, **settings)
-    states, _ = episode(environment, controller_policy(controller, scenario))
+    states, _ = episode(afl.load(scenario, **settings), controller_policy(controller, scenario))
     np.testing.assert_array_equal(states, reference.state[::hold])
     assert reference.outcome.kind == "completed"
 
@@ -184,8 +182,7 @@ def test_the_reward_is_within_0_and_1_and_best_at_rest_upright_where_a_pole_come
     states = np.array([[1.0, 0.01 + turn, 0.0, 0.0] for turn in (0.0, 2 * np.pi, -2 * np.pi)])
     found = Reward(free).of(states, np.zeros((3, 1)))
     np.testing.assert_allclose(found, reward(0.0, 0.01, 0.0), rtol=1e-12)
-    axes = (np.linspace(-most, most, 41) for most in (10, 2, 1e3))
-    values = reward(*np.meshgrid(*axes))
+    values = reward(*np.meshgrid(*(np.linspace(-most, most, 41) for most in (10, 2, 1e3))))
     assert values.min() > 0.0 and values.max() == reward(0.0, 0.0, 0.0) == 1.0
     assert np.unravel_index(values.argmax(), values.shape) == (20, 20, 20)
     found = [reward(*x) for x in ((0.0, math.pi / 3, 0.0), (2.0, 0.0, 0.0), (0.0, 0.0, 100.0))]

@@ -82,15 +82,11 @@ def test_the_step_is_fine_enough_for_a_spring_and_where_the_run_starts() -> None
 def test_a_limit_of_the_mjcf_s_actuator_is_that_of_the_input_everywhere(motor: str) -> None:
     asked = afl.Requirements(max={"f": 5.0})
     pushed = gliding(cart(motor=motor), initial_state={}, requirements=asked)
-
-    def ten(time, state, belief):
-        return 10.0
-
     for mode in ("sampled", "exact", "continuous"):
-        run = afl.simulate_mujoco(pushed, ten, mode)
+        run = afl.simulate_mujoco(pushed, lambda *_: 10.0, mode)
         assert run.state[-1, 0] == pytest.approx(0.5) and set(run.input.tolist()) == {1.0}
         assert set(run.command.tolist()) == {10.0}
-    (row,) = afl.run_all(ten, pushed)
+    (row,) = afl.run_all(lambda *_: 10.0, pushed)
     assert (row.failure, row.metrics["max_f"], row.metrics["max_command"]) == ("", 1.0, 10.0)
 
 

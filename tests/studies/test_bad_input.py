@@ -38,10 +38,9 @@ def test_a_scenario_file_that_cannot_be_used(toy, refuses, tmp_path, name, case)
     file, text, message = FILES[case]
     if text is not None:
         (tmp_path / file).write_text(text)
-    said = refuses(name, file, "--out", "out")
     if name == "estimation":  # of the paper's scenarios only
         message = "scenario must be one of nominal, step-step, "
-    assert message in said
+    assert message in refuses(name, file, "--out", "out")
 
 
 @pytest.mark.parametrize("name", [name for name in ALL if controllers_option(name)])

@@ -12,10 +12,7 @@ from afl_mujoco.studies.shared.search import find_threshold, scan_levels
 @given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())
 def test_the_bracket_holds_the_threshold_and_is_as_narrow_as_asked(edge, tolerance, less_is_worse):
     ends = (100.0, 0.01) if less_is_worse else (0.01, 100.0)
-
-    def holds(level: float) -> bool:
-        return level > edge if less_is_worse else level < edge
-
+    holds = edge.__lt__ if less_is_worse else edge.__gt__  # the edge lies below, or above
     found = find_threshold(holds, scan_levels(*ends, 7), tolerance)
     assert found.holds_at is not None and found.fails_at is not None
     assert holds(found.holds_at) and not holds(found.fails_at)

@@ -41,8 +41,7 @@ def test_the_command_checks_the_cart_pole_and_writes_what_it_says(command_line, 
     assert {"id", "quantity", "value", "limit", "passed"} <= content["checks"][0].keys()
     assert {"coordinate", "term", "q", "v", "u", "p"} <= content["worst"].keys()
     assert content["worst"]["p"].keys() == {"cart_mass", "pole_mass", "half_length", "gravity"}
-    record = load_record(find_study("check"), tmp_path / "out")
-    assert record.result.headline == content["headline"]
+    assert load_record(find_study("check"), tmp_path / "out").result.headline == content["headline"]
     assert (tmp_path / "out" / "report.html").is_file()
 
 

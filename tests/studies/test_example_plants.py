@@ -36,12 +36,10 @@ def test_a_quadrotor_has_an_lqr_by_default_with_thresholds_samples_and_a_map() -
     file = str(EXAMPLES / "quadrotor_load.toml")
     asked = ("delay", "load_error+")
     given = thresholds.Options(scenarios=(file,), imperfections=asked, quick=True)
-    found = thresholds.run(thresholds.prepare(given))
-    delay = found.sweep("delay", "lqr").survives
+    delay = thresholds.run(thresholds.prepare(given)).sweep("delay", "lqr").survives
     assert delay.holds_at is not None and 1e-3 < delay.holds_at < 0.2
     drawn = montecarlo.Options(scenario=file, samples=4, worst_case=False)
     runs = montecarlo.run(montecarlo.prepare(drawn), workers=2).runs["lqr"]
     assert [run.draw for run in runs] == [0, 1, 2, 3] and not any(run.message for run in runs)
     mapped = attraction.Options(scenario=file, grid=2, axes=("x", "pitch"))
-    kinds = attraction.run(attraction.prepare(mapped)).kinds("lqr")
-    assert kinds.shape == (2, 2)
+    assert attraction.run(attraction.prepare(mapped)).kinds("lqr").shape == (2, 2)

@@ -15,8 +15,7 @@ def test_the_command_judges_recordings_in_a_folder(tmp_path, command_line) -> No
     (tmp_path / "logs").mkdir()
     for path in sorted(CHOOSE.glob("*.csv"))[:3]:
         shutil.copy(path, tmp_path / "logs")
-    asked = "hardware --logs logs --draws 0 --out out --workers 2".split()
-    code, output, _ = command_line(*asked)
+    code, output, _ = command_line(*"hardware --logs logs --draws 0 --out out --workers 2".split())
     said = " ".join(output.split())
     data = json.loads((tmp_path / "out" / "hardware.json").read_text())
     gravity, coupling = data["terms"]["gravity"], data["terms"]["coupling"]
@@ -58,8 +57,7 @@ def judged(**values: float | None) -> Result:
 
 
 def test_a_statement_that_does_not_hold_is_a_failure_with_its_reason() -> None:
-    result = judged(z=0.49, phi=0.99)
-    shown = report(result)
+    shown = report(judged(z=0.49, phi=0.99))
     assert not shown.passed
     assert shown.headline == "1 of 2 statements hold on 20 recordings · not: rig-0.5-z"
     text = to_markdown(shown.blocks)

@@ -78,11 +78,9 @@ def test_a_held_unstable_lag_has_the_gains_and_the_crossover_of_its_closed_forms
     margins = loop_margins(unstable_lag(gain), period)
     # x' = (growth - gain (growth - 1)) x is stable for gain from 1 to (growth + 1)/(growth - 1)
     assert margins.gain_decrease == pytest.approx(1.0 / gain, rel=1e-7)
-    most = (growth + 1.0) / (growth - 1.0)
-    assert margins.gain_increase == pytest.approx(most / gain, rel=1e-7)
+    assert margins.gain_increase == pytest.approx((growth + 1.0) / (growth - 1.0) / gain, rel=1e-7)
     # L = gain (growth - 1) / (z - growth) has size 1 at this turn of z from sample to sample
-    swing = gain * (growth - 1.0)
-    turn = math.acos((1.0 + growth**2 - swing**2) / (2.0 * growth))
+    turn = math.acos((1.0 + growth**2 - (gain * (growth - 1.0)) ** 2) / (2.0 * growth))
     lag = math.pi - abs(cmath.phase(1.0 / (cmath.rect(1.0, turn) - growth)))
     assert margins.crossover == pytest.approx(turn / period, rel=1e-7)
     assert math.radians(margins.phase) == pytest.approx(lag, rel=1e-6)

@@ -69,8 +69,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
     assert [*request.axes] == ["cart_mass", "pole_mass"] and request.period == 0.01
-    here = request.point(LQR, (8.0, 0.1)).scenario
-    assert tuple(here.nominal.values()) == (8.0, 0.1, 1.5, 9.81)
+    assert tuple(request.point(LQR, (8.0, 0.1)).scenario.nominal.values()) == (8.0, 0.1, 1.5, 9.81)
     assert margins.prepare(replace(asked, control_period=0.002)).period == 0.002
     assert len(margins.prepare(replace(asked, levels=3)).plants) == 9
     with pytest.raises(InvalidValueError, match=r"at most 10000 plants of cart_mass, pole_mass"):
@@ -99,9 +98,8 @@ def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:
         "kinked": lambda time, state, belief: 50.0 * max(state[1], 0.0),
     }  # fmt: skip
     own = [PythonController(name=name, function=one) for name, one in functions.items()]
-    alone = margins.run(margins.Request(AT_REST, [LQR], {}))
     found = margins.run(margins.Request(AT_REST, [own[0], own[1], LQR, own[2]], {}).require())
-    assert found.rows == alone.rows
+    assert found.rows == margins.run(margins.Request(AT_REST, [LQR], {})).rows
     assert "must not have a memory, which a linearisation" in found.not_linear["memory"]
     rule = "must hold the plant at its target, got z accelerates by"
     assert rule in found.not_linear["biased"] and "must be smooth" in found.not_linear["kinked"]

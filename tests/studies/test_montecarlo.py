@@ -84,9 +84,8 @@ def test_failures_of_another_plant_replay_from_their_files(tmp_path, monkeypatch
     what = "duration = 0.1\nrequirements.max.arm = 0.1\nranges.arm = [0.2, 0.3]\n"
     (tmp_path / "own.toml").write_text(f'plant = "{varied(tmp_path)}"\n{what}')
     monkeypatch.chdir(tmp_path)
-    space = SampleSpace(load_scenario("own.toml"))
     idle = PythonController(name="idle", function=lambda t, x, belief: 0.0)
-    found = run(asked(idle, samples=1, space=space))
+    found = run(asked(idle, samples=1, space=SampleSpace(load_scenario("own.toml"))))
     Path("out").mkdir()
     montecarlo.write_files(found, Path("out"))
     (one,) = found.rows
@@ -112,8 +111,7 @@ def raises(t, state, belief):
 ], ids=["raises", "wrong shape", "hangs"])  # fmt: skip
 def test_a_controller_that_breaks_down_fails_its_runs_and_says_how(function, message) -> None:
     limits = dict.fromkeys(("call_limit", "first_call_limit"), 5.0 if function is raises else 0.05)
-    own = PythonController(name="broken", function=function, **limits)
-    found = run(asked(own, LQR, samples=4))
+    found = run(asked(PythonController(name="broken", function=function, **limits), LQR, samples=4))
     failed = [one for one in found.runs["broken"] if one.failure == CONTROLLER_FAILED]
     assert len(failed) == 4 or (failed and function is raises)
     assert all(one.message.startswith(message) for one in failed)
@@ -183,8 +181,7 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     result = program("montecarlo", *words, cwd=tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     content = json.loads((tmp_path / "out" / "montecarlo.json").read_text())
-    asked = "afl-mujoco montecarlo --samples 16 --generations 1"
-    assert content["command"] == asked
+    assert content["command"] == "afl-mujoco montecarlo --samples 16 --generations 1"
     failures = [row for row in content["rows"] if row["failure"]]
     files = {f"montecarlo/{r['controller']}/failure-{r['draw']:04d}.toml" for r in failures}
     files |= {one["file"] for one in content["worst_cases"]}
@@ -203,8 +200,7 @@ def test_the_command_writes_everything_and_its_replay_is_the_failure(tmp_path: P
     ("sampling", 50, "20 of 50 samples"), ("searching", 20, "20 samples, 0 searches"),
 ])  # fmt: skip
 def test_a_ctrl_c_keeps_what_every_controller_has_done(stage, samples, said) -> None:
-    short = SampleSpace(replace(HEAVY, duration=0.3))
-    request = asked(LQR, ADAPTIVE, samples=samples, space=short)
+    request = asked(LQR, ADAPTIVE, samples=samples, space=SampleSpace(replace(HEAVY, duration=0.3)))
     whole = run(request)
 
     def press(what: str, done: int, total: int) -> None:

@@ -35,8 +35,7 @@ def same(one, other) -> bool:
 @pytest.mark.parametrize("name", study_results.RESULTS)
 def test_a_record_comes_back_as_it_was(name: str, tmp_path) -> None:
     record = study_results.record(name)
-    written = save_record(record, tmp_path, figures=False)
-    assert written[0] == tmp_path / f"{record.study.stem}.json"
+    assert save_record(record, tmp_path, figures=False)[0] == tmp_path / f"{record.study.stem}.json"
     again = load_record(record.study, tmp_path)
     assert same(again.result, record.result)
     assert (again.command, dict(again.versions)) == (record.command, dict(record.versions))
@@ -48,8 +47,7 @@ def test_a_record_takes_the_place_of_an_older_one_and_of_nothing_else(tmp_path) 
     for name in users:
         (tmp_path / name).write_text("mine")
     record = study_results.record("margins")
-    empty = replace(record, result=replace(record.result, rows=()))
-    for one in (record, empty):
+    for one in (record, replace(record, result=replace(record.result, rows=()))):
         written = {path.name for path in save_record(one, tmp_path)}
         assert names(tmp_path) == users | written
         assert "margins.md" in written and ("margins-delay.svg" in written) == (one is record)

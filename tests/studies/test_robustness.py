@@ -100,8 +100,7 @@ def test_a_search_finds_worse_than_the_samples_and_nearer(runs) -> None:
     assert nearest.distance <= min(failures) and nearest.run[0].failure
     assert reported[-1] == hardest.tried + nearest.tried <= 2 * SMALL.points
     for found in (hardest, nearest):
-        scenario = robustness.worst_scenario(SPACE, found, 1)
-        (alone,) = run_all(LQR, [scenario])
+        (alone,) = run_all(LQR, [robustness.worst_scenario(SPACE, found, 1)])
         assert replace(alone, scenario="", draw=0) == replace(found.run[0], scenario="", draw=0)
         changes = np.abs(list(robustness.changes_of(SPACE, found.point).values()))
         assert (np.diff(changes) <= 0.0).all()
@@ -191,9 +190,6 @@ def test_a_controller_that_keeps_something_from_run_to_run_is_refused(study) -> 
         calls.append(t)
         return 20.0 * x[1] + 3.0 * x[3] + 1e-9 * len(calls)
 
-    def forgets(t, x, belief):
-        return 20.0 * x[1] + 3.0 * x[3]
-
-    study(as_controller(forgets))
+    study(as_controller(lambda t, x, belief: 20.0 * x[1] + 3.0 * x[3]))
     with pytest.raises(afl.AflMujocoError, match="'counts' must make the same run each time"):
         study(as_controller(counts))

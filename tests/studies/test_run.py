@@ -29,8 +29,7 @@ def made(outcome: str = "completed", time: float = 20.0, **values) -> Run:
 
 
 def limited(*margins: float, **values) -> Run:
-    names = ("max.z", "max.force")
-    pairs = zip(names, margins, strict=False)
+    pairs = zip(("max.z", "max.force"), margins, strict=False)
     found = [Judgement(name, limit=2.0, value=2.0 - 2.0 * x, margin=x) for name, x in pairs]
     return made(requirements=tuple(found), **values)
 
@@ -92,5 +91,4 @@ def test_a_median_is_of_all_draws_also_of_those_that_have_no_number() -> None:
     never = [draw(None, 0.5)] * 4
     assert told(*never, *[draw(2.0, 0.25)] * 3) == ["0.5 (50 %)", "never 3 of 7"]
     assert told(*never, *[draw(2.0, 0.25)] * 5) == ["0.25 (75 %)", "2 (50 %) 5 of 9"]
-    found = [middle(x, -math.inf) for x in ([None, 0.3, 0.5], [None, None, 0.5])]
-    assert found == [0.3, None]
+    assert [middle(x, -math.inf) for x in ([None, 0.3, 0.5], [None, None, 0.5])] == [0.3, None]

@@ -94,8 +94,7 @@ def test_an_encoder_is_judged_by_draws_of_noise_and_start_within_its_own_steps()
     ({"differentiated": True}, {"noise.phi": 0.1}, {"differentiated": True, "noise.phi": 0.1}),
 ], ids=str)  # fmt: skip
 def test_nothing_gets_milder_than_it_is_in_the_scenario(own, put, found) -> None:
-    scenario = replace(CASE, imperfections=IDEAL.changed(own))
-    on_top = robustness.on_hardware(scenario, put)
+    on_top = robustness.on_hardware(replace(CASE, imperfections=IDEAL.changed(own)), put)
     assert on_top.imperfections == IDEAL.changed(found)
     believing = replace(CASE, belief={"cart_mass": {"error": -0.3}})  # errors are added
     for level in (0.01, 0.5, -0.1):
@@ -137,8 +136,7 @@ def test_what_settles_is_at_rest_whether_or_not_requirements_judge_it() -> None:
     asked = replace(lean, requirements=afl.Requirements(max={"z": 3.0}))
     settings = robustness.Settings(seeds=1, scan=4, tolerance=0.5)
     free, judged = (swept("dry_friction.z", LQR, (one,), settings) for one in (lean, asked))
-    assert judged.settles == free.settles
-    assert judged.settles.fails_at < judged.survives.holds_at
+    assert judged.settles == free.settles and judged.settles.fails_at < judged.survives.holds_at
 
 
 def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:

@@ -39,8 +39,7 @@ def test_every_check_holds_on_a_short_scenario_with_everything_in_it() -> None:
     assert list(short.curves) == ["short/fixed", "short/adaptive"]
     for name, (time, states) in short.curves.items():
         one = afl.simulate_mujoco(SHORT, name.split("/")[1])
-        kept = np.searchsorted(one.time, time - 1e-9)
-        np.testing.assert_array_equal(states, one.state[kept])
+        np.testing.assert_array_equal(states, one.state[np.searchsorted(one.time, time - 1e-9)])
         assert time[0] == 0.0 and time[-1] == one.time[-1] and np.diff(time).max() < 0.021
     assert short.settings == Settings(timestep=1e-3, control_period=1e-3, full=False)
     assert short.omissions == short.claims == ()

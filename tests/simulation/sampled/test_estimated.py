@@ -28,8 +28,7 @@ def estimating(adaptive):
 
 def by_hand(scenario, controller):
     model = afl.CartPoleModel(scenario.parameters_at(0.0), imperfections=scenario.imperfections)
-    timing = timing_of(scenario, model, Deployed(timestep=1e-3))
-    run = prepare(model, scenario, controller, timing)
+    run = prepare(model, scenario, controller, timing_of(scenario, model, Deployed(timestep=1e-3)))
     pending, rows = no_commands(run.actuators), np.empty((run.plan.steps + 1, 6))
     plant = (model.addresses, run.plan, run.profile, memory := new_run())
     filtering, start = estimator.new_filter(), scenario.parameters_at(0.0)

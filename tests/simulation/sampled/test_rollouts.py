@@ -41,8 +41,7 @@ def test_threads_and_repetitions_change_no_bit_and_one_error_is_raised(scenarios
         afl.run_all(adaptive, scenarios, threads=0)
     with pytest.raises(InvalidValueError, match=r"^timestep must be positive, got 0.0$"):
         afl.run_all(adaptive, scenarios, afl.Deployed(timestep=0.0), threads=2)
-    tiny = afl.Scenario(name="tiny", schedule={"half_length": 0.001})
-    (failed,) = afl.run_all("adaptive", tiny)
+    (failed,) = afl.run_all("adaptive", afl.Scenario(name="tiny", schedule={"half_length": 0.001}))
     assert failed.failure == "controller failed" and "at M = 1 kg, l = 0.001" in failed.message
 
 
@@ -50,8 +49,7 @@ def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptiv
     many = afl.run_all(adaptive, scenarios, EULER, threads=2)
     for row, scenario in zip(many, scenarios, strict=True):
         afl.save_scenario(scenario, file := tmp_path / "s.toml")
-        again = afl.find_scenario(str(file))
-        run = afl.simulate_mujoco(again, adaptive, "sampled", **SETTINGS)
+        run = afl.simulate_mujoco(afl.find_scenario(str(file)), adaptive, "sampled", **SETTINGS)
         assert row.ending == str(run.outcome)
         found, theirs = row.metrics, metrics(scenario, adaptive, run)
         peaks = np.abs(run.state[:, :2]).max(axis=0).tolist()

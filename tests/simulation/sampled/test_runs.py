@@ -130,8 +130,7 @@ def test_a_late_jump_arrives_on_its_tick_however_the_times_round(late):
     mass = afl.staircase([1e-3 * k for k in jumps], [1.0 + k for k in range(len(jumps) + 1)])
     hardware = Imperfections(parameter_delay=1e-3 * late)
     known = {"schedule": {"cart_mass": mass}, "imperfections": hardware}
-    scenario = afl.Scenario(name="late", duration=0.3, **known)
-    afl.simulate_mujoco(scenario, mine, "sampled")
+    afl.simulate_mujoco(afl.Scenario(name="late", duration=0.3, **known), mine, "sampled")
     assert (np.flatnonzero(np.diff(seen)) + 1 - late).tolist() == list(jumps)
 
 

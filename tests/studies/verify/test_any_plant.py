@@ -76,12 +76,7 @@ def test_a_run_that_reaches_the_range_of_a_joint_is_not_compared() -> None:
 
 
 def with_terms(plant: Plant, change) -> Plant:
-    own = plant.terms
-
-    def terms(q, v, p):
-        return change(q, v, p, *own(q, v, p))
-
-    return replace(plant, terms=terms)
+    return replace(plant, terms=lambda q, v, p: change(q, v, p, *plant.terms(q, v, p)))
 
 
 @pytest.mark.slow

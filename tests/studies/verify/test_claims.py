@@ -27,8 +27,7 @@ def as_published() -> dict:
         cut = ledger.PUBLISHED_IMPROVEMENT.get(name.removesuffix("-impulse"), 30.0) / 100.0
         adaptive = controller == "adaptive"
         settling = (14.0 if "impulse" in name else 4.0) + (not adaptive)
-        found = (1.0 - cut, 0.5) if adaptive else (1.0, 1.0)
-        runs[name, controller] = figures(*found, settling)
+        runs[name, controller] = figures(*(1.0 - cut, 0.5) if adaptive else (1.0, 1.0), settling)
     return runs
 
 
@@ -74,8 +73,7 @@ def test_the_retuned_adaptive_gains_beat_the_retuned_fixed_gains_in_all_four_cas
         for name in ("fixed-retuned", "adaptive-retuned"):
             controller, scenario = afl.CONTROLLERS[name], afl.SCENARIOS[case]
             run = afl.simulate_ode_rk4(scenario, controller, timestep=1e-3)
-            scored = with_objective(metrics(scenario, controller, run), SCALES)
-            found.append(scored["objective"])
+            found.append(with_objective(metrics(scenario, controller, run), SCALES)["objective"])
         assert found[1] < found[0], case
 
 

@@ -41,9 +41,8 @@ class SecondEngine:
     def set_parameters(self, p):
         box = pin.Inertia.FromBox(p.cart_mass, *(2.0 * half for half in CART_HALF_SIZE))
         rod = pin.Inertia.FromCylinder(p.pole_mass, 0.0, 2.0 * p.half_length)
-        centre = np.array([0.0, 0.0, p.half_length])
         self.model.inertias[self.model.getJointId("z")] = box
-        about = pin.Inertia(rod.mass, centre, rod.inertia)
+        about = pin.Inertia(rod.mass, np.array([0.0, 0.0, p.half_length]), rod.inertia)
         self.model.inertias[self.model.getJointId("phi")] = about
         self.model.gravity.linear = np.array([0.0, 0.0, -p.gravity])
 
