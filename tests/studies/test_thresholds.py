@@ -195,7 +195,7 @@ def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_li
     swept = ("--imperfections", "input_limit", "end_stops.z", "--out", "out")
     code, output, errors = command_line(*asked.split(), *swept)
     assert (code, errors) == (0, "")
-    assert "Level at which each controller fails on short. Found to 50 %." in output
+    assert "Level at which each controller fails on short. In brackets: the reference " in output
     content = json.loads((tmp_path / "out" / "thresholds.json").read_text())
     assert [*content["bare"]] == ["lqr", "pushing.push"]
     assert [r["name"] for r in content["imperfections"]] == ["input_limit", "end_stops.z"]
