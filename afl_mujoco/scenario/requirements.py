@@ -159,19 +159,17 @@ class Requirements(Checked):
         if self.ends_at is not None:
             with within("requirements.ends_at "):
                 found["ends_at"] = self.ends_at.ordered(tuple(plant.coordinates))
-        for thing, name in itertools.product(("max", "bands"), plant.coordinates):
-            value, turn = found[thing].get(name), math.pi if name in plant.wraps else math.inf
+        for thing, name in itertools.product(("max", "bands", "ends_at"), plant.coordinates):
+            value, turn = (
+                found.get(thing, {}).get(name),
+                math.pi if name in plant.wraps else math.inf,
+            )
             end = found.get("ends_at", plant.ends_at).get(name, math.inf)
             if value is not None and plant.units[name] == "rad" and not value <= min(end, turn):
                 why = "where a run ends" if end <= turn else "as it is measured modulo a turn"
                 hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
                 rule = f"must be at most {min(end, turn):.4g} rad, {why} ({hint})"
                 raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
-        for name, end in found.get("ends_at", {}).items():
-            if name in plant.wraps and not end <= math.pi:
-                rule = "must be at most 3.142 rad, as it is measured modulo a turn"
-                rule += f" ({end:g} degrees is {math.radians(end):.4f} rad)"
-                raise InvalidValueError(f"requirements.ends_at.{name}", rule, f"{end:g}")
         about = self.targets(plant)
         for name, least in found["min"].items():
             turn = math.pi if name in plant.wraps else math.inf

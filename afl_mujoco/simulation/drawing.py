@@ -72,7 +72,7 @@ def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: F
     """Return poses with the parameters of each instant written into the model."""
     m, d, count = model.mj_model, model.mj_data, len(states)
     shapes, still, middles = shapes_of(m, geoms)
-    moving = np.array([m.body_weldid[m.geom_bodyid[one]] > 0 for one in geoms], bool)
+    moving = m.body_weldid[m.geom_bodyid[geoms]] > 0
     bodies = [] if moving.any() else np.flatnonzero(m.body_weldid).tolist()  # of what is not drawn
     centres, sizes = np.empty((count, len(geoms), 3)), np.empty((count, len(geoms), 3))
     rotations, middle = np.empty((count, len(geoms), 3, 3)), np.empty((count, len(bodies), 3))

@@ -103,11 +103,11 @@ def ranges_of(plant: Plant) -> Floats:
 
 def stops_of(scenario: Scenario) -> dict[int, tuple[float, float]]:
     """Return between what each coordinate with end stops is kept: these, or its range if nearer."""
-    stops, names = scenario.imperfections.end_stops, scenario.plant.coordinates
-    ends = {i: (low, high) for i, (low, high) in enumerate(ranges_of(scenario.plant).tolist())}
+    stops = scenario.imperfections.end_stops
+    ranges = zip(scenario.plant.coordinates, ranges_of(scenario.plant).tolist(), strict=True)
     return {
-        i: (max(ends[i][0], -stops[name]), min(ends[i][1], stops[name]))
-        for i, name in enumerate(names) if name in stops
+        i: (max(low, -stops[name]), min(high, stops[name]))
+        for i, (name, (low, high)) in enumerate(ranges) if name in stops
     }  # fmt: skip
 
 

@@ -139,13 +139,12 @@ def _remarks(one: Identified) -> list[Block]:
             f"k is {short(k.value, 3)}, and 1 for a rigid pole: the scale of the position is off "
             "by as much, or that of the angle, and with it force and acceleration of the command."
         )
-    drive = () if one.drive is None else one.drive.estimates
-    for x in drive:
-        if x.name in ("delay", "lag") and x.on_bound and x.value > 0.0:
-            said.append(
-                f"The {x.title} is on the largest value that is tried: the drive is not as "
-                "modelled, or the guesses under [nominal] are far off."
-            )
+    said += [
+        f"The {x.title} is on the largest value that is tried: the drive is not as modelled, or "
+        "the guesses under [nominal] are far off."
+        for x in (one.drive.estimates if one.drive else ())
+        if x.name in ("delay", "lag") and x.on_bound and x.value > 0.0
+    ]
     if one.drive is None:
         said.append("The command is constant in every log: cart and drive cannot be identified.")
     elif (times := one.drive.scatter_phi / one.pole.scatter_phi) > NOT_LINEAR:

@@ -234,9 +234,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     departing = s.imperfections.departing()
     left_out = [x for x in departing if x.partition(".")[0] not in (*LINEAR, "seed")]
     counting = replace(linear_part(s.imperfections), control_period=None).departing()
-    told = {f"belief.{name}": value for name, value in s.belief.table.items()}
-    given = {**counting, **told}
-    text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in given.items())
+    counting |= {f"belief.{name}": value for name, value in s.belief.table.items()}
+    text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in counting.items())
     return Result(
         scenario=s.name,
         control_period=r.period,

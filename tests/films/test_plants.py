@@ -102,9 +102,11 @@ def test_the_ghost_is_the_loop_without_imperfections_by_the_equations():
 def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_run(monkeypatch):
     scenario = scenario_of("cart_double_pendulum.py:plant")
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
-    names = [label for label, _ in replay.readouts(0)]
+    replay.state[0, 1] = -1e-3
+    names, numbers = zip(*replay.readouts(0), strict=True)
+    assert "-0.00" not in numbers
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
-    assert names == ["t [s]", *words, *(f"|Δ{word.replace(' ', '| ')}" for word in words[2:])]
+    assert [*names] == ["t [s]", *words, *(f"|Δ{word.replace(' ', '| ')}" for word in words[2:])]
     labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
     monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))

@@ -40,8 +40,11 @@ def test_a_shared_rate_is_found_and_a_bound_is_met_exactly_and_has_no_interval()
     found = fitted(data, [parameter("rate", 1.0)], np.repeat(np.arange(12), 5))
     assert found.by_name["rate"] == pytest.approx(2.0, abs=3.0 * found.errors[0])
     assert found.degrees == 11
+    free = fitted(data, [parameter("rate", 1.0)])
     found = fitted(decays(np.random.default_rng(3), 30), [parameter("rate", 1.0, high=1.5)])
     assert found.values[0] == 1.5 and found.on_bound[0] and found.errors[0] == 0.0
+    near = fitted(data, [parameter("rate", 1.0, high=free.values[0] + 1e-4)])
+    assert not near.on_bound[0] and near.errors[0] > 0.0
 
 
 def test_the_intervals_hold_the_truth_as_often_as_they_say() -> None:

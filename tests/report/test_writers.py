@@ -100,6 +100,7 @@ def test_a_page_holds_what_it_is_given_escaped_without_script(tmp_path) -> None:
 def test_a_page_of_several_reports_has_a_heading_for_each_and_a_failure_counts(tmp_path) -> None:
     said = html(tmp_path, blocks.Report(title="Good", headline="all hold", passed=True, blocks=()))
     assert "<h1>Reports</h1>" in said and "<title>FAIL: Reports</title>" in said
+    assert ">FAIL: 1 of 2 parts</span>" in said
     for title in ("Study", "Good"):
         assert re.search(rf"<h2 [^>]*>{title}</h2>", said)
     assert "The figure “A line” is missing" in said and "The replay “A run” is missing" in said

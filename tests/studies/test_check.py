@@ -73,6 +73,7 @@ def test_points_are_drawn_in_the_box_and_the_ranges_of_the_mjcf(command_line, tm
     box = {"arm": (0.1, 0.2), "mass": (0.7, 0.7)}
     found = [afl.check(plant, 3, seed=x, box=box).worst for x in range(20)]
     assert all(0.1 <= x.q["arm"] <= 0.2 and x.p["mass"] == 0.7 for x in found)
+    assert any("mass 0.7 to 0.7" in note for note in afl.check(plant, 3, box=box).notes)
     assert all(-0.2 <= x.q["tip"] <= 0.3 and abs(x.u["torque"]) <= 0.5 for x in found)
 
     # a range that may be in degrees is in the headline of a plant that passes

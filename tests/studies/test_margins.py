@@ -89,6 +89,10 @@ def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> 
     assert other == pytest.approx(one - 0.01, rel=1e-9) and late.imperfections == "delay = 0.01"
     continuous = [found.of("lqr", margins.CONTINUOUS) for found in (plain, late)]
     assert continuous[0] == continuous[1]
+    told = replace(AT_REST, belief={"cart_mass": 2.0})
+    assert margins.run(margins.Request(told, [LQR], {}, 0.01)).imperfections == (
+        "belief.cart_mass = 2.0"
+    )
 
 
 def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:

@@ -42,17 +42,17 @@ ENDINGS = {
 NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
-def how(failure: str, scenario: Scenario | None = None) -> str:
+def how(failure: str, scenario: Scenario) -> str:
     """Return how a run of a scenario fails, in words: the same in every study."""
-    if not failure or failure in ENDINGS or scenario is None:
-        return ENDINGS.get(failure) or f"misses “{words_of(failure)}”" if failure else "passes"
-    return f"misses “{_asked(failure, scenario.required.get(failure), scenario)}”"
+    if not failure or failure in ENDINGS:
+        return ENDINGS.get(failure, "passes")
+    return f"misses “{_asked(failure, scenario.required[failure], scenario)}”"
 
 
-def _asked(requirement: str, limit: float | None, scenario: Scenario) -> str:
+def _asked(requirement: str, limit: float, scenario: Scenario) -> str:
     way, _, thing = requirement.partition(".")
     words = words_of(requirement, scenario.about(thing) if way == "max" else 0.0)
-    if requirement == "completes" or limit is None:
+    if requirement == "completes":
         return words
     return f"{words} {short(limit)} {scenario.unit_of(requirement)}".rstrip()
 
