@@ -42,10 +42,12 @@ ENDINGS = {
 NEVER = "never"  # value of a requirement to settle that a run never meets
 
 
-def how(failure: str, scenario: Scenario) -> str:
-    """Return how a run of a scenario fails, in words: the same in every study."""
+def how(failure: str, scenario: Scenario | None = None) -> str:
+    """Return how a run fails, in words, of a scenario with its limit: the same in every study."""
     if not failure or failure in ENDINGS:
         return ENDINGS.get(failure, "passes")
+    if scenario is None:
+        return f"misses “{words_of(failure)}”"
     return f"misses “{_asked(failure, scenario.required[failure], scenario)}”"
 
 
