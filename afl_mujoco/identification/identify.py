@@ -325,8 +325,7 @@ class _Drive(NamedTuple):
 
     @property
     def _parameters(self) -> list[Parameter]:
-        largest = max(float(np.abs(log.command).max()) for log in self.windows.logs)
-        return rig.parameters_of(self.description, largest)
+        return rig.parameters_of(self.description, self.windows)
 
     def _problem(
         self, windows: Windows, parameters: Sequence[Parameter], known: Mapping[str, float]

@@ -2,7 +2,7 @@
 
 A start acts on its own window alone, so that starts are eliminated window by window, exactly:
 SciPy's trust region on the whole sparse problem solves iteratively what is solved here directly.
-The covariance is that of clustered observations: readings of one log are not independent.
+The covariance is that of the jackknife by logs: readings of one log are not independent.
 """
 
 from __future__ import annotations
@@ -341,27 +341,38 @@ def _covariance(
 ) -> tuple[Array, int]:
     """Return the covariance of the shared parameters, and its degrees of freedom.
 
-    The sandwich estimator of Huber and White for clustered observations: the bread is the inverse
-    of the curvature, the meat the scatter of the contributions of the clusters to the gradient,
-    corrected for few clusters and for the number of estimated parameters.
+    The jackknife, to first order: how the estimates move as each log is left out. With few logs, or
+    with one that alone tells a parameter, the windows are left out instead. Times the readings by
+    those that the starts leave.
     """
     weights = _weights(rest)
     curvature = weights**3  # the derivative of a residual's influence, ``weights * rest``
     system = _reduced(shared[..., free], own, rest, curvature)
-    bread, endless = _inverse(system.matrix)
+    told = np.einsum("bri,brj->bij", system.slopes, system.slopes)
     undone = system.slopes / np.sqrt(curvature)[..., None]
     scores = np.einsum("bri,br->bi", undone, weights * rest)
-    groups = np.unique(clusters)
-    if len(groups) >= FEW_CLUSTERS:
-        scores = np.array([scores[clusters == group].sum(axis=0) for group in groups])
-    degrees = max(1, len(scores) - 1)
+    moved, endless = _left_out(told, scores, clusters)
+    if len(moved) < FEW_CLUSTERS or endless.any():
+        moved, endless = _left_out(told, scores, np.arange(len(rest)))
+    degrees = max(1, len(moved) - 1)
     known = np.count_nonzero(np.abs(own).sum(axis=2))  # masked readings depend on nothing
-    left = max(1, known - int(free.sum()) - own.shape[0] * own.shape[2])
-    spread = bread @ scores.T  # squared last, lest round-off makes a variance negative
-    factor = (len(scores) / degrees) * (max(1, known - 1) / left)
+    factor = degrees / len(moved) * known / max(1, known - own.shape[0] * own.shape[2])
     covariance = np.zeros((len(free), len(free)))
-    covariance[np.ix_(free, free)] = spread @ spread.T * factor + np.diag(endless)
+    covariance[np.ix_(free, free)] = factor * moved.T @ moved + np.diag(endless)
     return covariance, degrees
+
+
+def _left_out(
+    told: Array, scores: Array, groups: NDArray[np.int64]
+) -> tuple[Array, NDArray[np.float64]]:
+    """Return how the estimates move without each group, and the variances that have no end."""
+    whole, moved, endless = told.sum(axis=0), [], np.zeros(told.shape[1])
+    for group in np.unique(groups):
+        mine = groups == group
+        bread, unknown = _inverse(whole - told[mine].sum(axis=0))
+        moved.append(bread @ scores[mine].sum(axis=0))
+        endless = np.maximum(endless, unknown)
+    return np.array(moved), endless
 
 
 def _inverse(matrix: Array) -> tuple[Array, Array]:

@@ -25,15 +25,21 @@ from mujoco import rollout  # isort: skip
 
 Array = NDArray[np.float64]
 
+LEFT = 0.5  # share of the change of speed that a first guess of the drive may leave
+
 START_SCALE = np.array([0.001, 0.01, 0.05, 0.1])  # of (z, phi, z_dot, phi_dot) [m, rad, m/s, rad/s]
 
 
-def parameters_of(description: Description, largest: float = 1.0) -> list[Parameter]:
-    """Return the parameters of the cart and its drive, for a largest command if it has no limit."""
-    n, period = description.nominal, description.period
-    limit = description.command.limit or largest
+def parameters_of(description: Description, windows: Windows | None = None) -> list[Parameter]:
+    """Return the parameters of the cart and its drive, guessed from windows of logs if given."""
+    n, period, limit = description.nominal, description.period, description.command.limit or 1.0
     whole = n.cart_mass + n.pole_mass
-    gain, decay = n.force / whole, min(max(n.rail_damping / whole, 1.0), 20.0)
+    gain, decay = n.force / whole, n.rail_damping / whole
+    if windows is not None:
+        largest = max(float(np.abs(log.command).max()) for log in windows.logs)
+        limit = description.command.limit or largest
+        gain, decay = _guessed(windows) or (gain, decay)
+    decay = min(max(decay, 1.0), 20.0)
     reach = max(5.0 * period, 0.1)
     return [  # name, unit, title, start, low, high, scale
         Parameter("mass_ratio", "1", "m / (M + m): the reaction of the pole",
@@ -48,6 +54,27 @@ def parameters_of(description: Description, largest: float = 1.0) -> list[Parame
         Parameter("bias", "1", "command at which the drive does not pull",
                   0.0, -0.5 * limit, 0.5 * limit, 0.01 * limit),
     ]  # fmt: skip
+
+
+def _guessed(windows: Windows) -> tuple[float, float] | None:
+    """Return gain and decay as momentum tells them from window to window, None where it does not.
+
+    z' + m l / (M + m) phi' cos phi changes by the impulse of the drive less that of the damping.
+    """
+    w, tables = windows, [np.empty((0, 4))]
+    z, phi, z_dot, phi_dot = w.starts.T
+    told = np.stack([z_dot, z_dot, -z, -phi_dot * np.cos(phi)], axis=1)
+    for number in np.unique(w.log):
+        log, mine = w.logs[number], w.log == number
+        time, columns = w.time[mine, 0], told[mine]
+        columns[:, 1] = _impulses(log.time, log.command, 0.0, time[None])[0]
+        follows = np.diff(time) < w.spacing * w.time.shape[1]
+        tables.append(np.diff(columns, axis=0)[follows])
+    change, *causes = np.concatenate(tables).T
+    gain, decay, _ = found = np.linalg.lstsq(np.transpose(causes), change, rcond=None)[0]
+    left = change - found @ np.array(causes)
+    enough = len(change) > len(causes) and np.sum(left**2) < LEFT * np.sum(change**2)
+    return (float(gain), float(decay)) if enough and gain > 0.0 else None
 
 
 def physical(values: Mapping[str, float], description: Description) -> dict[str, float]:

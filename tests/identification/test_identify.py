@@ -7,6 +7,7 @@ import pytest
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.files import read_json, write_json
 from afl_mujoco.identification import identify as module
+from afl_mujoco.identification import rig
 from afl_mujoco.identification.description import load_description
 from afl_mujoco.identification.identify import identify, identify_pole
 from afl_mujoco.identification.least_squares import Estimate
@@ -14,7 +15,7 @@ from afl_mujoco.identification.log import cut, log_of, read_logs
 from afl_mujoco.identification.prediction import DESCRIPTION, FIT, load_estimates
 from afl_mujoco.studies.identify import Result, beside, report
 from tests.coulomb_rig import RIGS, description_of
-from tests.synthetic_logs import Truth, swing
+from tests.synthetic_logs import Truth, described, swing
 
 TRUTH = Truth()
 
@@ -27,6 +28,16 @@ def logs():
 def assert_found(found, *names):
     for name in names:
         assert found.find(name).value == pytest.approx(TRUTH.expected[name], rel=0.01), name
+
+
+def test_momentum_tells_the_drive_whatever_its_owner_guesses(logs) -> None:
+    windows = cut(logs[:3], 0.5, 0.5)
+    for factor in (0.05, 1.0, 17.0):
+        guessed = {"cart_mass": 0.5, "force": factor * TRUTH.force}
+        own = described("made up", TRUTH, TRUTH.count, **guessed)
+        first = {one.name: one.start for one in rig.parameters_of(own, windows)}
+        assert first["gain"] == pytest.approx(TRUTH.expected["gain"], rel=0.1)
+        assert first["decay"] == pytest.approx(TRUTH.expected["decay"], rel=0.2)
 
 
 @pytest.mark.slow
