@@ -338,7 +338,7 @@ def _on_the_site(found: Sequence[Block]) -> Iterator[Any]:
 
 def commands() -> list[str]:
     """Return the names of every command, the studies first."""
-    return [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
+    return [*studies(), *OTHERS]
 
 
 def help_of(command: str = "") -> str:

@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from afl_mujoco.scenario.time_steps import Deployed
     from afl_mujoco.simulation.trajectory import Trajectory
 
-INDIFFERENT = ("out", "workers")  # options that do not change the films
 FRAMES_A_SECOND = 60  # frames of a view per second
 
 
@@ -112,7 +111,7 @@ class Render(_Deployed):
             self.deployment,
             size=(int(found[1]), int(found[2])),
             fps=self.fps,
-            command=typed("render", self, INDIFFERENT),
+            command=typed("render", self, leave_out=("out", "workers")),  # the same films
         )
         folder = output_folder(self.out)
         with count_bar(len(films), "filming") as progress:
@@ -149,12 +148,9 @@ class View(_Deployed):
         from afl_mujoco.films.replay import record
         from afl_mujoco.films.scene import view
 
-        fps = FRAMES_A_SECOND
-        view(record(scenario, controller, self.deployment, fps), fps, self.speed)
+        replay = record(scenario, controller, self.deployment, FRAMES_A_SECOND)
+        view(replay, FRAMES_A_SECOND, self.speed)
         return SUCCESS
-
-
-Logs = Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,7 +160,7 @@ class Log:
     Example: afl-mujoco log logs/swing-up.csv --description my-rig.toml
     """
 
-    logs: Logs = ()
+    logs: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="[LOG ...]")] = ()
     """Logs, CSV files or folders of them; by default the first recording of the package."""
     description: str | None = None
     """TOML file that says what their columns mean; required for your own logs."""
@@ -264,9 +260,6 @@ class Regression:
         return CHECK_FAILED if told else SUCCESS
 
 
-Folder = Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-
-
 @dataclass(frozen=True, kw_only=True)
 class Report:
     """Make report.html again from the results of a folder.
@@ -276,7 +269,7 @@ class Report:
     Nothing is computed: the page is made from the results and figures in the folder.
     """
 
-    folder: Folder = RESULTS
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")] = RESULTS
     """Folder with the results of studies, such as `afl-mujoco validate`."""
     films: Path = FILMS
     """Folder with films.json, which `afl-mujoco render` writes."""

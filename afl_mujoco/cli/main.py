@@ -8,15 +8,15 @@ import itertools
 import re
 import sys
 import warnings
-from collections.abc import Sequence
-from dataclasses import fields
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, make_dataclass
 from importlib.metadata import version
-from typing import Any, Union, get_args
+from typing import Annotated, Any, Union
 
 import tyro
 
 from afl_mujoco.cli.commands import Log, Regression, Render, Report, Simulate, View
-from afl_mujoco.cli.study import stub, study_commands
+from afl_mujoco.cli.study import study_command
 from afl_mujoco.cli.terminal import (
     BAD_INPUT,
     INTERRUPTED,
@@ -38,9 +38,11 @@ from afl_mujoco.errors import (
     warning_in_one_line,
 )
 from afl_mujoco.pool import interrupts_noted, is_interrupt
-from afl_mujoco.studies.shared.contract import studies
+from afl_mujoco.studies.shared.contract import find_study, studies
 
-OTHERS: tuple[type, ...] = (Report, Simulate, Log, Render, View, Regression)
+OTHERS: dict[str, type] = {
+    kind.__name__.lower(): kind for kind in (Report, Simulate, Log, Render, View, Regression)
+}
 """Commands listed after those of the studies."""
 
 
@@ -98,7 +100,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
     chosen = "".join(given[:1])
-    commands: Any = Union[(*study_commands(chosen), *(_other(kind, chosen) for kind in OTHERS))]
+    commands: Any = Union[(*commands_for(chosen),)]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):
@@ -127,15 +129,28 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     return command
 
 
-def _other(kind: type, chosen: str) -> Any:
-    """Return the command that is no study, whole if it is chosen."""
-    name = kind.__name__.lower()
-    return plain_help(kind) if name == chosen else stub(name, str(kind.__doc__).splitlines()[0])
+def commands_for(chosen: str) -> Iterator[Any]:
+    """Yield every command in the form that tyro takes, only the chosen one with its options.
+
+    The others have nothing but their name and what the list of commands says of them.
+    """
+    summaries = {name: study.summary for name, study in studies().items()}
+    summaries |= {name: str(kind.__doc__).splitlines()[0] for name, kind in OTHERS.items()}
+    for name, summary in summaries.items():
+        if name == chosen:
+            command: Any = plain_help(_kind_of(name))
+        else:
+            command = make_dataclass(name, (), namespace={"__doc__": summary})
+        yield Annotated[command, tyro.conf.subcommand(name)]
+
+
+def _kind_of(name: str) -> Any:
+    return OTHERS[name] if name in OTHERS else study_command(find_study(name))
 
 
 def _in_one_line(complaint: str, given: Sequence[str]) -> str:
     """Return the complaint of the parser in one line, with a suggestion."""
-    names = [*studies(), *(kind.__name__.lower() for kind in OTHERS)]
+    names = [*studies(), *OTHERS]
     if given and not given[0].startswith("-") and given[0] not in names:
         return str(UnknownNameError.among("command", given[0], names))
     lines = (line.strip("│╭╮╰╯─ ") for line in complaint.splitlines()[1:])
@@ -157,9 +172,15 @@ def _in_one_line(complaint: str, given: Sequence[str]) -> str:
         for option in (word.partition("=")[0] for word in given if word.endswith(f"={found[1]}")):
             return str(InvalidValueError(option, "must have no value", found[1]))
         return f"argument {found[1]!r} is one too many"
-    options = _options()
-    command = given[0] if given[0] in options else PROGRAM
-    return f"{found[1]} is not an option of {command}{meant(found[1], options.get(command, []))}"
+    if given[0] not in names:
+        return f"{found[1]} is not an option of {PROGRAM}"
+    kind = _kind_of(given[0])
+    options = [
+        f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
+        for field in fields(kind)
+        if not is_positional(kind, field.name)
+    ]
+    return f"{found[1]} is not an option of {given[0]}{meant(found[1], options)}"
 
 
 def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
@@ -177,17 +198,3 @@ def _no_number(option: str, kinds: str, given: Sequence[str]) -> str:
     else:
         got = got[: max(count, 1)]
     return str(InvalidValueError(option, f"must be {rule}", " ".join(got) or "none"))
-
-
-def _options() -> dict[str, list[str]]:
-    kinds: dict[str, Any] = {kind.__name__.lower(): kind for kind in OTHERS}
-    of_studies = (get_args(kind)[0] for kind in study_commands())
-    kinds |= dict(zip(studies(), of_studies, strict=True))
-    return {
-        name: [
-            f"--{'no-' * (field.default is True)}{field.name.replace('_', '-')}"
-            for field in fields(kind)
-            if not is_positional(kind, field.name)
-        ]
-        for name, kind in kinds.items()
-    }

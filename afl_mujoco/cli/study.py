@@ -16,7 +16,6 @@ from afl_mujoco.cli.terminal import (
     RESULTS,
     SUCCESS,
     CallLimit,
-    plain_help,
     say,
     separated,
     study_progress,
@@ -24,7 +23,7 @@ from afl_mujoco.cli.terminal import (
 )
 from afl_mujoco.errors import FileError
 from afl_mujoco.report.blocks import REPLAY
-from afl_mujoco.studies.shared.contract import Interrupted, Study, studies
+from afl_mujoco.studies.shared.contract import Interrupted, Study
 
 if TYPE_CHECKING:
     from afl_mujoco.report.blocks import Block, Section
@@ -166,24 +165,6 @@ SHARED = {"workers": (Workers, CORES), "cluster": (Cluster, None)}
 """Options of a study that shares its work, by the name that its run has for them."""
 
 
-def study_commands(chosen: str | None = None) -> list[Any]:
-    """Return a command for each study, in the form that tyro takes.
-
-    Only that of the chosen study is whole, all if it is None: the others have nothing but their
-    name and what the list of commands says of them.
-    """
-    return [
-        _command(one) if chosen in (None, name) else stub(name, one.summary)
-        for name, one in studies().items()
-    ]
-
-
-def stub(name: str, summary: str) -> Any:
-    """Return a command without options, as the list of commands needs it."""
-    made = make_dataclass(name, (), namespace={"__doc__": summary})
-    return Annotated[made, tyro.conf.subcommand(name)]
-
-
 def inputs_of(request: Any) -> dict[str, str]:
     """Return digests of the scenarios and controllers that a study runs."""
 
@@ -206,15 +187,13 @@ def _told(files: Sequence[Path]) -> str:
     return ", ".join(told) + (f" and {figures} files of figures" if figures else "")
 
 
-def _command(study: Study) -> Any:
+def study_command(study: Study) -> Any:
     """Return the command of a study: its configuration's options, then those of every study."""
     own: list[Any] = [(name, *option) for name, option in SHARED.items() if study.takes(name)]
     if "controllers" in (field.name for field in fields(study.parts.Options)):
         own.insert(0, ("call_limit", CallLimit, None))
-    made = make_dataclass(
+    return make_dataclass(
         f"{study.parts.Options.__name__}Command", own, bases=(StudyCommand, study.parts.Options),
         namespace={"__doc__": study.parts.Options.__doc__, "__module__": __name__, "study": study},
         frozen=True, kw_only=True,
     )  # fmt: skip
-    command: Any = plain_help(made)
-    return Annotated[command, tyro.conf.subcommand(study.name)]

@@ -36,7 +36,7 @@ def relative(path: Path) -> str:
 
 @pytest.mark.parametrize(("asked", "heavy"), [
     ("import afl_mujoco", {"dm_control", "matplotlib", "mujoco", "numba", "scipy"}),
-    ("from afl_mujoco.cli.study import study_commands; study_commands('')",
+    ("from afl_mujoco.cli.main import commands_for; [*commands_for('')]",
      {"matplotlib", "mujoco", "numba", "numpy", "pydantic", "scipy"}),
 ], ids=["the package", "the list of commands"])  # fmt: skip
 def test_what_every_user_waits_for_imports_nothing_heavy_and_is_quick(asked, heavy) -> None:
