@@ -13,6 +13,7 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import UNITS, Description
 from afl_mujoco.identification.least_squares import (
+    Array,
     Errors,
     Estimate,
     Fit,
@@ -28,7 +29,6 @@ from afl_mujoco.identification.least_squares import (
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut, stride_of
 from afl_mujoco.identification.prediction import explained
 
-Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
 WINDOW = 0.5  # length of fitted windows [s]: three time constants of a pole of 0.4 m

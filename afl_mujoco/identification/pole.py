@@ -6,12 +6,11 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from afl_mujoco.compiled import borrowing_kernel, kernel
 from afl_mujoco.identification.description import Description
-from afl_mujoco.identification.least_squares import Parameter
+from afl_mujoco.identification.least_squares import Array, Parameter
 from afl_mujoco.identification.log import Windows, stride_of
 from afl_mujoco.simulation.mujoco_model import forward
 
@@ -122,8 +121,6 @@ def coulomb_motion(at, starts, forces, friction, step, track):
             for i in range(4):
                 track[b, k + 1, i] = x[i]
 
-
-Array = NDArray[np.float64]
 
 HARMONICS = 4  # number of harmonics of the angle in the nonlinearity of a sensor with a dead zone
 SLOW = 0.05  # rate of the hinge below which its dry friction passes smoothly through zero [rad/s]

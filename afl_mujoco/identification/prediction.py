@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import read_json
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description, load_description
-from afl_mujoco.identification.least_squares import fitted_starts
+from afl_mujoco.identification.least_squares import Array, fitted_starts
 from afl_mujoco.identification.log import Log, Windows, cut, read_logs, stride_of
 
 if TYPE_CHECKING:
@@ -57,8 +56,6 @@ def load_estimates(path: Path = ESTIMATES) -> Identified:
         raise FileError(f"{path} {wrong}: {named}", rule)
     return found
 
-
-Array = NDArray[np.float64]
 
 AWAY = 0.5  # angle from upright beyond which a small error does not grow by itself [rad]
 LONG_GAP = 5.0  # gap between rows, in their spacing, that a prediction may not have

@@ -7,12 +7,11 @@ from collections import deque
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.identification import pole
 from afl_mujoco.identification.description import Description
-from afl_mujoco.identification.least_squares import Parameter
+from afl_mujoco.identification.least_squares import Array, Parameter
 from afl_mujoco.identification.log import Windows
 from afl_mujoco.identification.pole import coulomb_motion
 from afl_mujoco.pool import on_threads
@@ -22,8 +21,6 @@ from afl_mujoco.simulation.mujoco_model import CartPoleModel
 
 import mujoco  # isort: skip  (after the model, which chooses how MuJoCo draws)
 from mujoco import rollout  # isort: skip
-
-Array = NDArray[np.float64]
 
 LEFT = 0.5  # share of the change of speed that a first guess of the drive may leave
 
