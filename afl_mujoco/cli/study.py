@@ -22,11 +22,11 @@ from afl_mujoco.cli.terminal import (
     typed,
 )
 from afl_mujoco.errors import FileError
-from afl_mujoco.report.blocks import REPLAY
+from afl_mujoco.pool import kept_processes, require_address, require_workers
+from afl_mujoco.report.blocks import REPLAY, Block, Section, code
 from afl_mujoco.studies.shared.contract import Interrupted, Study
 
 if TYPE_CHECKING:
-    from afl_mujoco.report.blocks import Block, Section
     from afl_mujoco.studies.shared.record import Record
 
 TITLE = "Controllers in MuJoCo"
@@ -68,8 +68,6 @@ def write_page(folder: Path, films: Path) -> Path:
 
 
 def _reproduce(records: Sequence[Record]) -> Section:
-    from afl_mujoco.report.blocks import Section, code
-
     blocks: list[Block] = []
     found: dict[str, dict[str, str]] = {}
     for record in records:
@@ -104,8 +102,6 @@ class StudyCommand:
         study, kind = self.study, self.study.parts.Options
         given = {field.name: separated(getattr(self, field.name)) for field in fields(kind)}
         configuration = kind(**given)
-        from afl_mujoco.pool import require_address, require_workers
-
         who = {name: getattr(self, name) for name in ("workers", "cluster") if study.takes(name)}
         request = study.parts.prepare(configuration)  # what is quick to check comes first
         require_workers(who.get("workers", 1))
@@ -113,7 +109,6 @@ class StudyCommand:
             require_address(who["cluster"])
 
         from afl_mujoco.files import output_folder, require_no_folder
-        from afl_mujoco.pool import kept_processes
         from afl_mujoco.report.terminal import print_report
         from afl_mujoco.studies.shared.record import PAGE, Record, save_partial, save_record
 

@@ -20,6 +20,7 @@ from afl_mujoco.identification.least_squares import (
     Parameter,
     Problem,
     by_cluster,
+    explained,
     fit_to_scatter,
     fitted_starts,
     intervals,
@@ -27,7 +28,6 @@ from afl_mujoco.identification.least_squares import (
     with_uncertainty_of,
 )
 from afl_mujoco.identification.log import LEAST, Log, Windows, cut, stride_of
-from afl_mujoco.identification.prediction import explained
 
 Progress = Callable[[int, int], None]
 

@@ -388,3 +388,9 @@ def _inverse(matrix: Array) -> tuple[Array, Array]:
     kept = vectors[:, ~flat] / scale[:, None]
     moved = np.abs(vectors[:, flat]).max(axis=1, initial=0.0) > np.sqrt(LEAST_CURVATURE)
     return kept / values[~flat] @ kept.T, np.where(moved, np.inf, 0.0)
+
+
+def explained(errors: Array, readings: Array) -> float:
+    """Return the share of variance that a prediction explains."""
+    total = float(np.sum((readings - readings.mean()) ** 2))
+    return 1.0 - float(np.sum(errors**2)) / total if total > 0.0 else 0.0

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +13,9 @@ from afl_mujoco.errors import FileError, InvalidValueError
 from afl_mujoco.files import read_json
 from afl_mujoco.identification import pole, rig
 from afl_mujoco.identification.description import Description, load_description
-from afl_mujoco.identification.least_squares import Array, fitted_starts
+from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.least_squares import Array, explained, fitted_starts
 from afl_mujoco.identification.log import Log, Windows, cut, read_logs, stride_of
-
-if TYPE_CHECKING:
-    from afl_mujoco.identification.identify import Identified
 
 FOLDER = Path(__file__).parent / "data" / "cartpole"
 """Recordings, their origin and licence, their description, and the estimates."""
@@ -42,8 +39,6 @@ def described_logs(
 
 def load_estimates(path: Path = ESTIMATES) -> Identified:
     """Return the estimates in a file that `afl-mujoco identify` wrote."""
-    from afl_mujoco.identification.identify import Identified
-
     wrong, again = "has no estimates of afl-mujoco identify", "run afl-mujoco identify"
     found = read_json(path, Identified, wrong, again)
     known = pole.parameters_of(found.description)
@@ -175,9 +170,3 @@ def _rms(errors: Array) -> float:
 
 def _counts(errors: Array, resolution: float) -> float | None:
     return _rms(errors) / resolution if resolution > 0.0 else None
-
-
-def explained(errors: Array, readings: Array) -> float:
-    """Return the share of variance that a prediction explains."""
-    total = float(np.sum((readings - readings.mean()) ** 2))
-    return 1.0 - float(np.sum(errors**2)) / total if total > 0.0 else 0.0

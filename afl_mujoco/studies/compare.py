@@ -14,9 +14,11 @@ import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import find_controllers
+from afl_mujoco.control.own import calls_limited_to
 from afl_mujoco.control.plant_feedback import LinearFeedback
 from afl_mujoco.errors import AflMujocoError, UnknownNameError, require_count
-from afl_mujoco.report.blocks import Block, Figure, Report, Section, plain
+from afl_mujoco.graphics import require_backend
+from afl_mujoco.report.blocks import Block, Figure, Report, Section, plain, to_markdown
 from afl_mujoco.scenario.files import as_scenarios, find_scenario
 from afl_mujoco.scenario.parameters import labelled
 from afl_mujoco.scenario.sample_space import draws_of
@@ -104,8 +106,6 @@ def prepare(options: Options) -> Request:
     o = options
     scenarios = [find_scenario(name) for name in o.scenarios]  # before what is slow to import
     if o.film:
-        from afl_mujoco.graphics import require_backend
-
         require_backend()  # before MuJoCo
 
     controllers = find_controllers(o.controllers, scenarios)
@@ -220,8 +220,6 @@ class Result:
 
     def _repr_markdown_(self) -> str:
         """Return the same as Markdown, for a notebook."""
-        from afl_mujoco.report.blocks import to_markdown
-
         return to_markdown(self._told)
 
     @property
@@ -293,7 +291,6 @@ def compare(
     True
     """
     from afl_mujoco.control.catalogue import as_controller
-    from afl_mujoco.control.own import calls_limited_to
 
     several = isinstance(controllers, Sequence) and not isinstance(controllers, str)
     with calls_limited_to(call_limit):

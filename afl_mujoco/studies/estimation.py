@@ -16,7 +16,7 @@ from afl_mujoco.report.blocks import Cell, Figure, Matrix, Report, fixed, short
 from afl_mujoco.scenario.catalogue import SCENARIOS
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.scenario.time_steps import Deployed, ticks_of
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, compute, silent
@@ -72,7 +72,6 @@ class Request(NamedTuple):
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.scenario.time_steps import ticks_of
 
     o = options
     seeds = (QUICK_SEEDS if o.quick else SEEDS) if o.seeds is None else o.seeds

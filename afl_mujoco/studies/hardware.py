@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from afl_mujoco.errors import InvalidValueError, require_count
-from afl_mujoco.identification.export import TILT, certain
-from afl_mujoco.identification.identify import Identified
-from afl_mujoco.identification.log import Log
-from afl_mujoco.identification.prediction import Errors
+from afl_mujoco.identification import export, pole, prediction, rig
+from afl_mujoco.identification.identify import Identified, identify_pole, require_units, windows_of
+from afl_mujoco.identification.log import Log, read_logs
+from afl_mujoco.identification.prediction import Errors, errors_of, load_estimates, predicted_by_rig
 from afl_mujoco.report.blocks import (
     Block,
     Cell,
@@ -81,17 +81,14 @@ def protocol() -> dict[str, Any]:
 
 def prepare(options: Options) -> Request:
     """Return what the options ask for, or raise if a rule is broken."""
-    from afl_mujoco.identification.log import read_logs
-    from afl_mujoco.identification.prediction import CHOOSE, ESTIMATES, load_estimates
-
     o = options
     require_count("draws", o.draws, 0, MOST_DRAWS)
     require_count("seed", o.seed, 0, LARGEST_SEED)
-    identified = load_estimates(ESTIMATES if o.estimates is None else Path(o.estimates))
+    identified = load_estimates(prediction.ESTIMATES if o.estimates is None else Path(o.estimates))
     if o.estimates is not None and o.logs is None:
         raise InvalidValueError("logs", "must be given with estimates of another cart-pole")
     identified.scatter()  # raises without a drive
-    logs = read_logs([CHOOSE if o.logs is None else o.logs], identified.description)
+    logs = read_logs([prediction.CHOOSE if o.logs is None else o.logs], identified.description)
     return Request(logs, identified, o.draws, o.seed)
 
 
@@ -175,24 +172,16 @@ BAND = 26  # number of horizons up to half a second at which the band of a predi
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Judge the model on the recordings; the result does not depend on the workers."""
-    from afl_mujoco.identification.identify import require_units
-    from afl_mujoco.identification.prediction import (
-        errors_of,
-        predicted_by_pole,
-        predicted_by_rig,
-        starts_of,
-    )
-
     logs, identified, draws, seed = request
     d, values, p = identified.description, identified.values, protocol()["prediction"]
     horizons = p["horizons"]
     require_units(logs, d)
     progress("judging", 0, 3)
     terms = _terms(logs, identified)
-    starts = starts_of(logs, p["past"], max(horizons), p["every"])
-    angle = predicted_by_pole(starts, values, d)
+    starts = prediction.starts_of(logs, p["past"], max(horizons), p["every"])
+    angle = prediction.predicted_by_pole(starts, values, d)
     by_pole = np.stack([np.zeros_like(angle), angle], axis=1)
-    pole = errors_of(starts, by_pole, horizons, values, d, position=False)
+    driven = errors_of(starts, by_pole, horizons, values, d, position=False)
     predicted = partial(
         predicted_by_rig, starts, description=d, scatter=identified.scatter(), workers=workers
     )
@@ -204,7 +193,9 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
     most = int(np.bincount(starts.log).argmax())
-    survival = outlook(identified, draws, seed, workers) if draws and certain(identified) else ()
+    survival = (
+        outlook(identified, draws, seed, workers) if draws and export.certain(identified) else ()
+    )
     progress("judging", 3, 3)
     return Result(
         logs=tuple(log.name for log in logs),
@@ -213,9 +204,9 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         terms=terms,
         held_out=held_out,
         whole=errors_of(starts, read, horizons, values, d, whole=True),
-        pole=pole,
+        pole=driven,
         nominal=errors_of(starts, owners, horizons, nominal, d),
-        statements=_judge(identified, terms, pole, held_out),
+        statements=_judge(identified, terms, driven, held_out),
         band=np.array([steps, [e.rms_z or 0.0 for e in spread], [e.rms_phi for e in spread]]),
         recorded=shown_of(logs[most], starts, read, values, most),
         survival=survival,
@@ -224,8 +215,6 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
 
 def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
     """Return the terms of the pole's equation, estimated again from the recordings alone."""
-    from afl_mujoco.identification.identify import identify_pole, windows_of
-
     found, _ = identify_pole(windows_of(logs), identified.description)
     expected = {"gravity_term": identified.description.nominal.gravity_term, "coupling": 1.0}
     return {
@@ -240,8 +229,6 @@ def _terms(logs: Sequence[Log], identified: Identified) -> dict[str, Term]:
 
 def nominal_values(identified: Identified) -> dict[str, float]:
     """Return the parameters of pole and rig as the owners give them, with ideal sensors."""
-    from afl_mujoco.identification import pole, rig
-
     d, n = identified.description, identified.description.nominal
     start = {one.name: one.start for one in (*pole.parameters_of(d), *rig.parameters_of(d))}
     return {
@@ -256,10 +243,10 @@ def nominal_values(identified: Identified) -> dict[str, float]:
 def _judge(
     identified: Identified,
     terms: Mapping[str, Term],
-    pole: Sequence[Errors],
+    by_pole: Sequence[Errors],
     held_out: Sequence[Errors],
 ) -> tuple[Statement, ...]:
-    (driven,) = (one for one in pole if one.horizon == 0.2)
+    (driven,) = (one for one in by_pole if one.horizon == 0.2)
     (whole,) = (one for one in held_out if one.horizon == 0.5)
     why = ""
     if identified.description.phi.dead_zone is not None and driven.clear_phi is not None:
@@ -324,10 +311,9 @@ def outlook(
 ) -> tuple[Survival, ...]:
     """Return what each controller survives, also on cart-poles drawn from the estimates."""
     from afl_mujoco.control.catalogue import find_controller
-    from afl_mujoco.identification.export import draws, with_values
 
-    base = changes(with_values(identified, identified.values))
-    drawn = draws(identified, count, seed)
+    base = changes(export.with_values(identified, identified.values))
+    drawn = export.draws(identified, count, seed)
     found = []
     for controller in map(find_controller, CONTROLLERS):
 
@@ -400,7 +386,7 @@ def _outlook(found: Sequence[Survival]) -> Matrix:
         [what, *(f"{math.degrees(one.angles[what]):.0f}°" for one in found)]
         for what in found[0].angles
     ]
-    drawn = f"drawn from the estimates, from within {math.degrees(TILT):.1f}°"
+    drawn = f"drawn from the estimates, from within {math.degrees(export.TILT):.1f}°"
     rows.append([drawn, *(f"{one.survived} of {one.runs}" for one in found)])
     return Matrix(
         caption="Largest starting angle from which a controller, as deployed on this "

@@ -14,9 +14,10 @@ import tyro
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.files import remove_file, require_no_folder, write_json
 from afl_mujoco.identification.description import Description
-from afl_mujoco.identification.identify import Identified
+from afl_mujoco.identification.identify import Identified, identify
 from afl_mujoco.identification.least_squares import FEW_CLUSTERS, Estimate
 from afl_mujoco.identification.log import Log
+from afl_mujoco.identification.prediction import FIT, described_logs, predicted_by_rig, starts_of
 from afl_mujoco.report.blocks import MISSING, Block, Figure, Matrix, Report, percent, short
 from afl_mujoco.studies.shared.contract import Progress, Study, silent
 from afl_mujoco.studies.shared.identified_parts import AHEAD, Shown, draw_log, shown_of
@@ -46,8 +47,6 @@ Request = tuple[Sequence[Log], Description]
 
 def prepare(options: Options) -> Request:
     """Return the logs and what they mean, or raise."""
-    from afl_mujoco.identification.prediction import FIT, described_logs
-
     return described_logs(options.logs, options.description, [FIT])
 
 
@@ -62,8 +61,6 @@ class Result:
 
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Identify the cart-pole."""
-    from afl_mujoco.identification.identify import identify
-
     (logs, description), told = request, partial(progress, "identifying")
     identified = identify(logs, description, workers=workers, progress=told)
     longest = max(logs, key=lambda one: one.duration)
@@ -72,8 +69,6 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
 
 def beside(identified: Identified, log: Log) -> Shown | None:
     """Return a log beside the model; None without a drive, or if the log is too short."""
-    from afl_mujoco.identification.prediction import predicted_by_rig, starts_of
-
     try:
         starts, scatter = starts_of([log], AHEAD, AHEAD, AHEAD), identified.scatter()
     except InvalidValueError:  # neither is a reason to lose what was identified

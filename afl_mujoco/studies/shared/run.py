@@ -13,12 +13,14 @@ import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
 from afl_mujoco.control.controller import Controller
+from afl_mujoco.control.own import ControllerError
 from afl_mujoco.errors import InvalidValueError, require_count
 from afl_mujoco.plants.plant import Plant
 from afl_mujoco.pool import MOST_WORKERS, on_threads
 from afl_mujoco.scenario.files import as_scenarios
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import DEFAULT, Deployed
+from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.judgement import (
     CONTROLLER_FAILED,
     Judgement,
@@ -202,9 +204,7 @@ def run_kept(
     keep: bool = True,
 ) -> list[tuple[Run, Trajectory | None]]:
     """Do the same, and keep the trajectories; a run whose controller fails has none."""
-    from afl_mujoco.control.catalogue import GainError
-    from afl_mujoco.control.own import ControllerError
-    from afl_mujoco.simulation.bound_controllers import bound  # not before MuJoCo may be imported
+    from afl_mujoco.control.catalogue import GainError  # not before MuJoCo may be imported
     from afl_mujoco.simulation.mujoco_model import SimulatedModel
     from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
