@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen, find_controllers, subject_of
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, require_count
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import MISSING, Block, Cell, Figure, Matrix, Report, fixed, percent
 from afl_mujoco.scenario.catalogue import with_ranges
 from afl_mujoco.scenario.files import Replay, find_scenario, save_scenario
+from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
@@ -36,7 +37,7 @@ from afl_mujoco.studies.shared.robustness import (
     NEAREST,
     Worst,
     changes_of,
-    require_samples,
+    require_runs,
     sample,
     search_worst,
     worst_scenario,
@@ -46,6 +47,7 @@ from afl_mujoco.studies.shared.search import Budget
 from afl_mujoco.studies.shared.tables import how, middle
 
 LABORATORY = "laboratory"
+MOST_SAMPLES = 1_000_000
 SAMPLES, GENERATIONS = 1000, 30  # number of samples, and of generations of each search
 QUICK = 100, 5  # the same of a quick study
 
@@ -117,7 +119,9 @@ def prepare(options: Options) -> Request:
     )
     budget = Budget(generations=generations)
     space, deployed = SampleSpace(with_ranges(asked)), Deployed(timestep=o.timestep)
-    require_samples(controllers, space, samples, o.seed, deployed)
+    require_runs(controllers, [space.scenario], deployed)
+    require_count("samples", samples, 1, MOST_SAMPLES)
+    require_count("seed", o.seed, 0, LARGEST_SEED)
     return Request(
         space=space, controllers=controllers, names=names, assumed=not asked.ranges,
         samples=samples, seed=o.seed, deployed=deployed,

@@ -19,12 +19,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.pool import Executor, compute_all
 from afl_mujoco.scenario.belief import is_error
-from afl_mujoco.scenario.imperfections import (
-    IDEAL_INPUT,
-    LARGEST_SEED,
-    Imperfection,
-    imperfections_of,
-)
+from afl_mujoco.scenario.imperfections import IDEAL_INPUT, Imperfection, imperfections_of
 from afl_mujoco.scenario.sample_space import (
     SampleSpace,
     acting,
@@ -33,7 +28,9 @@ from afl_mujoco.scenario.sample_space import (
     search_generator,
 )
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.scenario.time_steps import Deployed, ticks_of
+from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.simulation.trajectory import controller_inputs
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_all
 from afl_mujoco.studies.shared.search import (
@@ -56,17 +53,13 @@ TIMESTEP = 1e-3
 """Longest physics step, and unit of a control period that is scaled with all others [s]."""
 
 MOST_SEEDS = MOST_LEVELS = 1000
-MOST_SAMPLES = 1_000_000
 
 
 def require_runs(
     controllers: Sequence[Controller], scenarios: Sequence[Scenario], deployed: Deployed
 ) -> None:
     """Raise if anything would break runs as deployed, before the first."""
-    from afl_mujoco.scenario.time_steps import ticks_of
-    from afl_mujoco.simulation.bound_controllers import bound
     from afl_mujoco.simulation.mujoco_model import require_integrator
-    from afl_mujoco.simulation.trajectory import controller_inputs
 
     given = any(c.interpreted and getattr(c, "spec", None) is None for c in controllers)
     hint = "; set __name__ on one of them" if given else ""
@@ -191,8 +184,6 @@ def refused(
     scenarios: Scenarios, one: Imperfection, level: float, timestep: float | None = None
 ) -> str:
     """Return why scenarios cannot have a level, as a delay beyond their end; "" if they can."""
-    from afl_mujoco.scenario.time_steps import ticks_of
-
     try:
         for scenario in scenarios:
             ticks_of(on_hardware(scenario, hardware_at(one, level, scenario.plant)), timestep)
@@ -482,19 +473,6 @@ def distance_of(space: SampleSpace, point: ArrayLike) -> float:
     away = np.asarray(point) - space.reference
     moved = acting(dict(zip(space.coordinates, away.tolist(), strict=True)))
     return float(np.linalg.norm(list(moved.values())) / np.sqrt(space.dimension))
-
-
-def require_samples(
-    controllers: Sequence[Controller],
-    space: SampleSpace,
-    samples: int,
-    seed: int,
-    deployed: Deployed,
-) -> None:
-    """Raise if anything would break runs on samples, before the first."""
-    require_runs(controllers, [space.scenario], deployed)
-    require_count("samples", samples, 1, MOST_SAMPLES)
-    require_count("seed", seed, 0, LARGEST_SEED)
 
 
 # --- starts -------------------------------------------------------------------------------------

@@ -97,11 +97,6 @@ def grouped(runs: Sequence[Run]) -> dict[tuple[str, str], list[Run]]:
     return found
 
 
-def asked(one: Judgement, scenario: Scenario) -> str:
-    """Return what a requirement of a scenario asks for."""
-    return _asked(one.requirement, one.limit, scenario)
-
-
 def titled(metric: str, layout: Layout = LAYOUT) -> str:
     """Return a metric with its unit."""
     unit = unit_of(metric, layout)
@@ -160,7 +155,7 @@ def requirements_matrix(
         label, cells = name, list[Cell]()
         for runs in draws.values():
             judged = [one for run in runs for one in run.requirements if one.requirement == name]
-            label = asked(judged[0], scenario) if judged else label
+            label = _asked(name, judged[0].limit, scenario) if judged else label
             cells.append(_cell(name, runs, judged))
         rows.append([label, *cells])
     rows.append(["at rest for the last second", *(_settled(runs) for runs in draws.values())])

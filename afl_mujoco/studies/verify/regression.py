@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -88,11 +88,12 @@ def record(case: Case) -> Baseline:
     """Simulate one scenario with one controller and return the baseline of the runs."""
     scenario, controller, settings = case
     runs = closed_loop_runs(scenario, controller, settings)
+    scales = nominal_scales(settings.timestep)
     recordings = {
         run.simulator: Recording(
             settings=runs[run.simulator].provenance["settings"],
             outcome=runs[run.simulator].outcome.kind,
-            metrics=run.metrics,
+            metrics=with_objective(run.metrics, scales),
             trajectory=_decimated(runs[run.simulator]),
         )
         for run in reported_runs(scenario, controller, runs)
@@ -110,16 +111,9 @@ def record_all(
 ) -> dict[str, Baseline]:
     """Record every scenario with every controller, by the name of its file."""
     cases = [(s, c, SETTINGS) for s in scenarios for c in controllers]
-    scales = nominal_scales(SETTINGS.timestep)
     names = [f"{scenario.name} / {controller.name}" for scenario, controller, _ in cases]
-    fresh = {}
-    for made in compute(record, cases, "validating", progress, workers, names):
-        runs = {
-            name: replace(run, metrics=with_objective(dict(run.metrics), scales))
-            for name, run in made.runs.items()
-        }
-        fresh[made.file_name] = replace(made, runs=runs)
-    return fresh
+    fresh = compute(record, cases, "validating", progress, workers, names)
+    return {made.file_name: made for made in fresh}
 
 
 def _decimated(run: Trajectory) -> tuple[Row, ...]:
