@@ -232,30 +232,25 @@ class Regression:
         from afl_mujoco.control.catalogue import CONTROLLERS
         from afl_mujoco.files import output_folder
         from afl_mujoco.scenario.catalogue import SCENARIOS
-        from afl_mujoco.studies.verify.regression import (
-            REGRESSED,
-            UPDATE,
-            compare,
-            load_baselines,
-            record_all,
-            update_baselines,
-        )
+        from afl_mujoco.studies.verify import regression
 
         # what is quick to check comes first
         folder = output_folder(self.baselines) if self.update else self.baselines
-        baselines = load_baselines(folder)
+        baselines = regression.load_baselines(folder)
         scenarios = list(SCENARIOS.values())
-        controllers = [CONTROLLERS[name] for name in REGRESSED]
+        controllers = [CONTROLLERS[name] for name in regression.REGRESSED]
         with study_progress() as progress:
-            fresh = record_all(scenarios, controllers, workers=self.workers, progress=progress)
+            fresh = regression.record_all(
+                scenarios, controllers, workers=self.workers, progress=progress
+            )
         if self.update:
-            say(*update_baselines(self.baselines, baselines, fresh))
+            say(*regression.update_baselines(self.baselines, baselines, fresh))
             return SUCCESS
-        told = compare(baselines, fresh)
+        told = regression.compare(baselines, fresh)
         runs = sum(len(baseline.runs) for baseline in fresh.values())
         verdict = f"PASS: {runs} runs match their baselines"
         if told:
-            verdict = f"FAIL: {len(told)} baselines; {UPDATE} accepts intended changes"
+            verdict = f"FAIL: {len(told)} baselines; {regression.UPDATE} accepts intended changes"
         say(*told.values(), verdict)
         return CHECK_FAILED if told else SUCCESS
 

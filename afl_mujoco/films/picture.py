@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,7 +22,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from afl_mujoco.films.replay import AFTERWARDS, IDEAL, Replay, last_frame
+from afl_mujoco.films.replay import AFTERWARDS, IDEAL, Replay
 from afl_mujoco.films.scene import GHOST, Frame, Stage
 from afl_mujoco.report.figures import BLACK, colours, styled
 from afl_mujoco.scenario.parameters import labelled
@@ -94,7 +95,8 @@ def frames(
     behind[-1] = write(behind[-1], _legend(replays[0], held, alone, part[0], above, s))
     stage = Stage.of(replays, fps, part, frame)
     with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
-        last = last_frame(replays, fps)
+        end = min(_end(replays), replays[0].plan.duration)
+        last = min(len(replays[0].time) - 1, math.ceil(end * fps))
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
@@ -109,6 +111,10 @@ def frames(
             if plots is not None:
                 picture[part[1] :] = plots(float(replays[0].time[index]))
             yield picture
+
+
+def _end(replays: Sequence[Replay]) -> float:
+    return max(replay.end for replay in replays) + AFTERWARDS
 
 
 def backdrop(width: int, height: int) -> Picture:
@@ -197,7 +203,7 @@ def draw_plots(replays: Sequence[Replay], size: tuple[int, int]) -> Callable[[fl
     """
     time = replays[0].time
     end = float(time[-1] + (time[1] - time[0] if len(time) > 1 else 1.0))
-    end = min(end, max(replay.end for replay in replays) + AFTERWARDS)
+    end = min(end, _end(replays))
     with styled():
         dpi = 100.0 * size[1] / PLOT_HEIGHT
         figure = Figure(figsize=(size[0] / dpi, size[1] / dpi), dpi=dpi, layout="constrained")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -82,12 +81,6 @@ class Replay:
     def ended(self, index: int) -> str:
         """Say which runs have ended before a frame, and how; empty if none has."""
         return "; ".join(text for time, text in self.endings if self.time[index] >= time)
-
-
-def last_frame(replays: Sequence[Replay], fps: int) -> int:
-    """Return the last frame of a film: `AFTERWARDS` after the last run ended, if all did."""
-    end = max(replay.end for replay in replays) + AFTERWARDS
-    return min(len(replays[0].time) - 1, math.ceil(min(end, replays[0].plan.duration) * fps))
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:

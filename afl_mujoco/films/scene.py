@@ -65,12 +65,6 @@ class Standpoint:
         return found
 
 
-def eye_of(scene: mujoco.MjvScene) -> Floats:
-    """Return where the camera of a scene is [m]: in the middle of its two eyes."""
-    left, right = scene.camera
-    return 0.5 * (np.array(left.pos, np.float64) + np.array(right.pos, np.float64))
-
-
 def watch(
     model: SimulatedModel,
     replays: Sequence[Replay],
@@ -212,7 +206,8 @@ def _haunt(
     option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
     moving = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
     mujoco.mjv_addGeoms(m, ghost, option, perturb, moving, scene)
-    eye, known = eye_of(scene), any(scene.camera[0].forward)  # not in the user's part of a viewer
+    left, right = (np.array(one.pos, np.float64) for one in scene.camera)  # its two eyes
+    eye, known = 0.5 * (left + right), any(scene.camera[0].forward)  # not in a viewer's own part
     for number, geom in enumerate(scene.geoms[first : scene.ngeom], start=first):
         geom.objtype = mujoco.mjtObj.mjOBJ_UNKNOWN  # not what it is a ghost of
         geom.segid = geom.objid = number

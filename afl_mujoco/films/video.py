@@ -42,7 +42,6 @@ class Film:
     command: str = ""
 
     def __post_init__(self) -> None:
-        """Validate size and frame rate."""
         require_size(self.size)
         if not 1 <= self.fps <= MOST_FPS:
             raise InvalidValueError("fps", f"must lie between 1 and {MOST_FPS}", self.fps)
@@ -146,7 +145,6 @@ def make_films(
 
 
 def _make(unit: tuple[Film, Path]) -> None:
-    """Make a film in a folder."""
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
     made = film.pictures(range(film.length))

@@ -258,12 +258,6 @@ def _require_one_rig(problem: Problem, found: Fit, name: str, windows: Windows) 
         raise InvalidValueError("logs", "must be of one cart-pole", got)
 
 
-def _shows(fit: Fit, name: str) -> bool:
-    """Return whether an estimate is off its bound, and its interval lies above zero."""
-    one = fit.estimates[name]
-    return one.low > 0.0 and not one.on_bound
-
-
 def _lags(fit: Fit) -> bool:
     """Return whether a lag shows beside the delay that is fitted with it.
 
@@ -315,11 +309,12 @@ class _Drive(NamedTuple):
         if lags and not _lags(final):
             final = self._finished(known, found)
         _require_determined(final)
-        if not _shows(final, "gain"):
+        gain = final.estimates["gain"]
+        if gain.on_bound or not gain.low > 0.0:
             raise InvalidValueError(
                 d.command.column,
                 "must drive the cart: check its sign, and that each command is in its own row",
-                f"{final.by_name['gain']:.4g} m/s^2 per unit of command, zero within its error",
+                f"{gain.value:.4g} m/s^2 per unit of command, zero within its error",
             )
         return final
 

@@ -135,7 +135,6 @@ class Result:
         return self.verdict == "pass"
 
     def __repr__(self) -> str:
-        """Summarise the answer in one line."""
         return f"<{self.headline}>"
 
     def __str__(self) -> str:

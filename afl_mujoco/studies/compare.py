@@ -209,7 +209,6 @@ class Result:
             return draw_responses(known[name], self.curves_on(known[name]))
 
     def __repr__(self) -> str:
-        """Summarise the outcome in one line."""
         return f"<{report(self).headline}>"
 
     def __str__(self) -> str:

@@ -413,7 +413,6 @@ class Broken(NamedTuple):
 
 
 def _margins(loop: Broken) -> Margins:
-    """Return the margins of a stable loop."""
     from scipy.optimize import brentq, minimize_scalar
 
     def crossings(of: Callable[[Any], Any]) -> Array:

@@ -191,7 +191,6 @@ def _settled(runs: Sequence[Run]) -> str:
 
 
 def _cell(name: str, runs: Sequence[Run], judged: Sequence[Judgement]) -> Cell:
-    """Return how the draws of a controller meet one requirement."""
     met = sum(one.met for one in judged)
     status: Status = "good" if met == len(runs) else "bad" if not met else "neutral"
     share = "" if met in (0, len(runs)) else f" {met} of {len(runs)}"

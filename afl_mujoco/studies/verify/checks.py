@@ -96,7 +96,6 @@ class Check:
     reason: str
 
     def __post_init__(self) -> None:
-        """Raise if it passes beyond its limit, or fails within it."""
         if self.passed != (self.value is not None and self.value <= self.limit):
             raise ValueError(f"passed must follow from value and limit, got {self.passed}")
         if self.id not in CRITERIA:
@@ -157,7 +156,6 @@ def _changes(model: SimulatedModel, plants: Sequence[CartPoleParameters]) -> Ite
 
 
 def _draws(rng: np.random.Generator, count: int, steepest: float) -> list[Any]:
-    """Return plants, states and forces."""
     ends = (10.0, steepest, 10.0, 10.0)
     return [
         (random_plant(rng), rng.uniform(-1.0, 1.0, 4) * ends, rng.uniform(-200.0, 200.0))

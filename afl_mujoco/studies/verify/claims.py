@@ -211,16 +211,11 @@ def _settled(runs: Runs, scenarios: Sequence[str]) -> tuple[int, int, float | No
     return len(reached), len(found), latest
 
 
-def improvement(fixed: Metrics, adaptive: Metrics) -> float | None:
-    """Return by how much adaptive gains lower the objective [%]; None if a run did not complete."""
-    one, other = fixed["objective"], adaptive["objective"]
-    return None if one is None or other is None else 100.0 * (1.0 - other / one)
-
-
 def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:
     """C3 to C6: the improvement of one case of Table 3."""
     published = PUBLISHED_IMPROVEMENT[case]
-    here = improvement(runs[case, FIXED], runs[case, ADAPTIVE])
+    fixed, adaptive = (runs[case, who]["objective"] for who in (FIXED, ADAPTIVE))
+    here = None if fixed is None or adaptive is None else 100.0 * (1.0 - adaptive / fixed)
     under_d3 = here is not None and abs(here - published) <= NEAR
     fitted, share = tried.fitted[case], tried.near[case] / tried.drawn
     fits = [abs(found - published) <= NEAR for found in fitted.values()]
