@@ -185,10 +185,7 @@ def _numbers(
     said = [one for one in (replay.ended(index), replay.verdict if ending else "") if one]
     most = max(8, int((width / s - 56) / (17 * LETTER)))
     lines = enumerate(line for one in said for line in wrap(one, most))
-    return [
-        *texts,
-        *(Text(28 * s, (104 + 24 * k) * s, x, 17 * s, WARNING) for k, x in lines),
-    ]
+    return [*texts, *(Text(28 * s, (104 + 24 * k) * s, x, 17 * s, WARNING) for k, x in lines)]
 
 
 def _rgb(colour: Colour) -> Rgb:

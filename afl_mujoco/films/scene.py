@@ -66,11 +66,7 @@ class Standpoint:
 
 
 def watch(
-    model: SimulatedModel,
-    replays: Sequence[Replay],
-    fps: int,
-    size: tuple[int, int],
-    frame: Frame,
+    model: SimulatedModel, replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame
 ) -> list[Standpoint]:
     """Return for each run where the camera stands: the MJCF's own, else one for what moves.
 
@@ -93,10 +89,7 @@ def watch(
     distance, offset = _distance(around @ axes.T, model.mj_model.vis.global_.fovy, size, frame)
     return [
         Standpoint(
-            aims=aim + offset @ axes[:2],
-            distance=distance,
-            azimuth=azimuth,
-            elevation=elevation,
+            aims=aim + offset @ axes[:2], distance=distance, azimuth=azimuth, elevation=elevation
         )
         for aim in aims
     ]
@@ -191,11 +184,7 @@ def pose(model: SimulatedModel, replay: Replay, index: int) -> None:
 
 
 def _haunt(
-    scene: mujoco.MjvScene,
-    model: SimulatedModel,
-    ghost: mujoco.MjData,
-    replay: Replay,
-    index: int,
+    scene: mujoco.MjvScene, model: SimulatedModel, ghost: mujoco.MjData, replay: Replay, index: int
 ) -> None:
     """Draw the plant of the ideal loop, pale and just behind, if there is one."""
     if replay.ideal is None:

@@ -91,10 +91,7 @@ def with_values(identified: Identified, values: dict[str, float]) -> Scenario:
             delay=max(0.0, values["delay"]),
             lag=max(0.0, values["lag"]),
             input_limit=None if limit is None else physical(values, d)["force"] * limit,
-            encoder_step={
-                "z": d.z.count,
-                "phi": values.get("angle_scale", 1.0) * d.phi.count,
-            },
+            encoder_step={"z": d.z.count, "phi": values.get("angle_scale", 1.0) * d.phi.count},
             differentiated=d.z.count > 0.0 and d.phi.count > 0.0,
             end_stops={} if rail is None else {"z": rail},
         ),

@@ -41,12 +41,7 @@ from afl_mujoco.simulation.mujoco_rollout import MODES, momenta, simulate_mujoco
 from afl_mujoco.simulation.ode import simulate_ode
 from afl_mujoco.simulation.ode_fixed_step import held_steps
 from afl_mujoco.simulation.trajectory import COMPLETED, TIPPED, Trajectory
-from afl_mujoco.studies.verify.convergence import (
-    Study,
-    difference,
-    free_swing_study,
-    last_state,
-)
+from afl_mujoco.studies.verify.convergence import Study, difference, free_swing_study, last_state
 
 ANY = "any"  # scenario and controller of a check that depends on neither
 

@@ -17,12 +17,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import Trajectory
 from afl_mujoco.studies.shared.contract import Progress, compute, silent
-from afl_mujoco.studies.verify.cases import (
-    Case,
-    Settings,
-    closed_loop_runs,
-    reported_runs,
-)
+from afl_mujoco.studies.verify.cases import Case, Settings, closed_loop_runs, reported_runs
 from afl_mujoco.studies.verify.claims import nominal_scales, with_objective
 
 REGRESSED = ("fixed", "adaptive")  # the controllers that have baselines
