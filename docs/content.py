@@ -46,7 +46,6 @@ from afl_mujoco.report.blocks import (
     Replay,
     Section,
     drawn_of,
-    figures_of,
     plain,
     short,
     to_markdown,
@@ -258,17 +257,20 @@ class Content:
         shown = next(one for one in every if one.title == title)
         return f"```{{raw}} html\n{replay_html(shown)}```"
 
+    def _figures(self, study: str) -> list[Figure]:
+        return [one for one in drawn_of(self._blocks(study)) if isinstance(one, Figure)]
+
     def figures(self) -> Iterator[Figure]:
         """Yield the figures of every result."""
         for study in self.records:
-            yield from figures_of(self._blocks(study))
+            yield from self._figures(study)
 
     def gallery(self) -> list[tuple[str, str]]:
         """Return the figures of the gallery, and the page that explains each."""
         return [
             (to_markdown(list(_on_the_site([figure]))), page)
             for study, page in GALLERY.items()
-            for figure in figures_of(self._blocks(study))
+            for figure in self._figures(study)
         ]
 
     def pages(self) -> dict[Path, str]:

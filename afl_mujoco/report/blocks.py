@@ -230,11 +230,6 @@ class Report:
         return "neutral" if self.verdict else status[self.passed]
 
 
-def figures_of(blocks: Sequence[Block]) -> list[Figure]:
-    """Return the figures of blocks, in order."""
-    return [block for block in drawn_of(blocks) if isinstance(block, Figure)]
-
-
 def drawn_of(blocks: Sequence[Block]) -> list[Figure | Replay]:
     """Return the figures and replays of blocks, in order."""
     return [block for block in Section("", "", blocks).walk() if isinstance(block, Figure | Replay)]

@@ -41,7 +41,7 @@ def test_all_combined_has_every_imperfection_at_once_and_twice_as_bad_is_twice_a
     for field in (*twice, "input_limit", "slew_rate"):
         factor = 2.0 if field in twice else 0.5
         assert double[field] == pytest.approx(factor * real[field])
-    worst = robustness.combined(1e6, IMPERFECTIONS)
+    worst = robustness.hardware_at(robustness.COMBINED, 1e6)
     for name in ("tip_mass_share", "input_limit"):
         assert worst[name] == robustness.KNOWN[name].harsh
 

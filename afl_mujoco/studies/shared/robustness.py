@@ -38,7 +38,6 @@ from afl_mujoco.studies.shared.search import (
     Threshold,
     find_threshold,
     minimise,
-    scan_levels,
 )
 from afl_mujoco.values import require_distinct
 
@@ -114,17 +113,12 @@ def added(plant: Plant = CART_POLE) -> tuple[Imperfection, ...]:
 
 
 def hardware_at(imperfection: Imperfection, level: float, plant: Plant = CART_POLE) -> Hardware:
-    """Return one imperfection, or all combined, at a level."""
-    if imperfection.name == COMBINED.name:
-        return combined(level, [one for one in added(plant) if one.name != RAIL])
-    return imperfection.options(level)
-
-
-def combined(scale: float, imperfections: Sequence[Imperfection]) -> Hardware:
-    """Return several imperfections at once, each as many times worse than the reference."""
+    """Return one imperfection, or all combined, each so many times worse, at a level."""
+    if imperfection.name != COMBINED.name:
+        return imperfection.options(level)
     options: Hardware = {}
-    for one in imperfections:
-        scaled = one.reference / scale if one.less_is_worse else one.reference * scale
+    for one in (one for one in added(plant) if one.name != RAIL):
+        scaled = one.reference / level if one.less_is_worse else one.reference * level
         options |= one.options((max if one.less_is_worse else min)(scaled, one.harsh))
     if "control_period" in options:
         options["control_period"] = max(1, round(options["control_period"] / TIMESTEP)) * TIMESTEP
@@ -275,7 +269,7 @@ def sweep(unit: SweepUnit) -> Swept:
     def at(level: float) -> tuple[Run, ...]:
         return run_on(unit, hardware_at(one, level, plant))
 
-    scan = scan_levels(one.benign, one.harsh, settings.scan)
+    scan = np.geomspace(one.benign, one.harsh, settings.scan).tolist()
     scan = [x for x in map(one.snapped, scan) if not refused(scenarios, one, x, settings.timestep)]
 
     def threshold(holds: Callable[[float], bool], closer: int = 0) -> Threshold:

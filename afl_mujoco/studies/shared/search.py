@@ -24,12 +24,6 @@ class Threshold:
     fails_at: float | None  # most benign level found at which it does not hold; None if all hold
 
 
-def scan_levels(benign: float, harsh: float, count: int) -> list[float]:
-    """Return levels from benign to harsh, evenly spaced in their logarithm."""
-    levels: list[float] = np.geomspace(benign, harsh, count).tolist()
-    return levels
-
-
 def find_threshold(
     holds: Callable[[float], bool],
     scan: list[float],
