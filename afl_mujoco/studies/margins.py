@@ -76,32 +76,23 @@ class Options:
     """Only the least and the largest of each parameter."""
 
 
-class Point(NamedTuple):
-    """A controller on one plant at rest."""
-
-    controller: Controller
-    scenario: Scenario  # of constant parameters
-    period: float = PERIOD  # of the held inputs [s]
-    varied: tuple[str, ...] = ()  # the parameters in which it differs from others
-
-
 class Request(NamedTuple):
     """What is surveyed: controllers on a grid of parameters."""
 
     scenario: Scenario
     controllers: Sequence[Controller]
     axes: Mapping[str, tuple[float, ...]]  # the levels of each parameter that varies
-    period: float = PERIOD
+    period: float = PERIOD  # of the held inputs [s]
 
     @property
     def plants(self) -> list[tuple[float, ...]]:
         """The values of the parameters that vary, of each plant."""
         return list(itertools.product(*self.axes.values()))
 
-    def point(self, controller: Controller, plant: Iterable[float]) -> Point:
-        """Return a controller on a plant."""
+    def at(self, plant: Iterable[float]) -> Scenario:
+        """Return the scenario with the constant parameters of a plant, about which to linearise."""
         s, asked = self.scenario, self.scenario.requirements
-        here = replace(
+        return replace(
             s,
             schedule={**s.nominal, **dict(zip(self.axes, plant, strict=True))},
             disturbances=(),
@@ -109,7 +100,6 @@ class Request(NamedTuple):
             ranges={},
             belief=s.belief.known(s.nominal),
         )
-        return Point(controller, here, self.period, tuple(self.axes))
 
     def require(self) -> Request:
         """Return it, or raise unless one controller has margins on the first plant."""
@@ -120,10 +110,37 @@ class Request(NamedTuple):
             rule = "must have an input at which a loop is broken"
             raise InvalidValueError(f"plant {self.scenario.plant.name!r}", rule)
         require_distinct("controller", [one.name for one in self.controllers])
-        found = [margins_at(self.point(one, self.plants[0])) for one in self.controllers]
+        found = [self.margins_of((one, self.plants[0])) for one in self.controllers]
         if isinstance(found[0], AflMujocoError) and not any(isinstance(x, list) for x in found):
             raise found[0]
         return self
+
+    def margins_of(self, case: tuple[Controller, tuple[float, ...]]) -> list[Row] | AflMujocoError:
+        """Return margins of the continuous and the held loop, or why there is no linearisation."""
+        scenario = self.at(case[1])
+        try:
+            controller = bound(case[0], scenario)
+            if controller.estimates or (controller.interpreted and controller.stateful):
+                thing = "an estimator" if controller.estimates else "a memory"
+                rule = f"must not have {thing}, which a linearisation leaves out"
+                raise InvalidValueError(f"controller {controller.name!r}", rule)
+            loop = linearize(controller, scenario)
+        except AflMujocoError as error:
+            return error
+        rows = []
+        for kind, period in ((CONTINUOUS, None), (HELD, self.period)):
+            found = loop_margins(loop, period, scenario.imperfections)
+            for i, name in enumerate(loop.inputs):
+                own = {} if found is None else asdict(found[i])
+                finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
+                parameters = {key: scenario.nominal[key] for key in self.axes}
+                rows.append(
+                    Row(
+                        controller=controller.name, loop=kind, input=name, parameters=parameters,
+                        stable=found is not None, **finite,
+                    )
+                )  # fmt: skip
+        return rows
 
 
 def prepare(options: Options) -> Request:
@@ -222,13 +239,13 @@ def value_of(row: Row, metric: str) -> float:
 def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
     """Survey the margins; the result does not depend on the workers."""
     r, s = request, request.scenario
-    points = [r.point(one, plant) for one in r.controllers for plant in r.plants]
+    cases = list(itertools.product(r.controllers, r.plants))
     rows: list[Row] = []
     not_linear: dict[str, str] = {}
-    found = compute(margins_at, points, "linearising", progress, workers)
-    for point, some in zip(points, found, strict=True):
+    found = compute(r.margins_of, cases, "linearising", progress, workers)
+    for (controller, _), some in zip(cases, found, strict=True):
         if isinstance(some, AflMujocoError):
-            not_linear.setdefault(point.controller.name, str(some))
+            not_linear.setdefault(controller.name, str(some))
         else:
             rows += some
     departing = s.imperfections.departing()
@@ -247,34 +264,6 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
         rows=tuple(x for x in rows if x.controller not in not_linear),
         not_linear=not_linear,
     )
-
-
-def margins_at(point: Point) -> list[Row] | AflMujocoError:
-    """Return margins of the continuous and of the held loop, or why there is no linearisation."""
-    _, scenario, held, varied = point
-    try:
-        controller = bound(point.controller, scenario)
-        if controller.estimates or (controller.interpreted and controller.stateful):
-            thing = "an estimator" if controller.estimates else "a memory"
-            rule = f"must not have {thing}, which a linearisation leaves out"
-            raise InvalidValueError(f"controller {controller.name!r}", rule)
-        loop = linearize(controller, scenario)
-    except AflMujocoError as error:
-        return error
-    rows = []
-    for kind, period in ((CONTINUOUS, None), (HELD, held)):
-        found = loop_margins(loop, period, scenario.imperfections)
-        for i, name in enumerate(loop.inputs):
-            own = {} if found is None else asdict(found[i])
-            finite = {key: x if math.isfinite(x) else None for key, x in own.items()}
-            parameters = {key: scenario.nominal[key] for key in varied}
-            rows.append(
-                Row(
-                    controller=controller.name, loop=kind, input=name, parameters=parameters,
-                    stable=found is not None, **finite,
-                )
-            )  # fmt: skip
-    return rows
 
 
 # --- what is shown ------------------------------------------------------------------------------

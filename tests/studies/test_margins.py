@@ -69,7 +69,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert request.axes["cart_mass"] == (8.0, 8.5, 9.0, 9.5, 10.0)
     assert request.axes["pole_mass"] == pytest.approx((0.1, 0.15, 0.2, 0.25, 0.3))
     assert [*request.axes] == ["cart_mass", "pole_mass"] and request.period == 0.01
-    assert tuple(request.point(LQR, (8.0, 0.1)).scenario.nominal.values()) == (8.0, 0.1, 1.5, 9.81)
+    assert tuple(request.at((8.0, 0.1)).nominal.values()) == (8.0, 0.1, 1.5, 9.81)
     assert margins.prepare(replace(asked, control_period=0.002)).period == 0.002
     assert len(margins.prepare(replace(asked, levels=3)).plants) == 9
     with pytest.raises(InvalidValueError, match=r"at most 10000 plants of cart_mass, pole_mass"):
