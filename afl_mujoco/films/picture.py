@@ -151,11 +151,8 @@ def _legend(
     short = held.removeprefix("as deployed: ")
     lines = [] if replay.ideal is None else [(f"pale: {IDEAL}", _rgb(GHOST))]
     if alone:
-        lines = [
-            ("solid: MuJoCo", INK),
-            *lines,
-            ("force of a drive (length ~ √force)", _rgb(FORCE)),
-        ]
+        force = ("force of a drive (length ~ √force)", _rgb(FORCE))
+        lines = [("solid: MuJoCo", INK), *lines, force]
         lines += [("disturbance", _rgb(PUSH))] if replay.channels.any() else []
     else:
         lines.append((short, QUIET))

@@ -282,7 +282,7 @@ class _Drive(NamedTuple):
         d, parameters = self.description, self._parameters
         known = _without_dry_friction(self.pole.by_name, self.windows)
         every = max(1, min(COARSE, self.windows.count // ENOUGH))
-        problem = self._problem(self.windows.some(every), parameters, known)
+        problem = self._problem(self.windows.where(slice(None, None, every)), parameters, known)
         without = [
             one.held(one.low) if one.name == "lag"
             else one._replace(low=-one.high) if one.name == "delay" else one

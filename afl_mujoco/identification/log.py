@@ -349,10 +349,6 @@ class Windows:
         """Number of windows."""
         return len(self.log)
 
-    def some(self, every: int = 1, rows: int | None = None) -> Windows:
-        """Return every n-th window, with n = `every`, and so many of its rows."""
-        return self.where(slice(None, None, every), rows)
-
     def where(self, kept: Any, rows: int | None = None) -> Windows:
         """Return some windows, by an index, and so many of their rows."""
         names = ("time", "phi", "turns", "z", "there", "valid")

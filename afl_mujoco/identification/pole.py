@@ -212,8 +212,7 @@ def at_rows(windows: Windows, values: Array, rates: Array, late: float) -> Array
     b = np.arange(w.count)[:, None]
     y0, y1, d0, d1 = values[b, i], values[b, i + 1], h * rates[b, i], h * rates[b, i + 1]
     a3, a2 = 2.0 * (y0 - y1) + d0 + d1, 3.0 * (y1 - y0) - 2.0 * d0 - d1
-    found: Array = y0 + s * (d0 + s * (a2 + s * a3))
-    return found
+    return np.asarray(y0 + s * (d0 + s * (a2 + s * a3)))
 
 
 @kernel

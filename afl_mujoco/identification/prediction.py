@@ -150,14 +150,13 @@ def predicted_by_rig(
 
     The scatter of position and angle [m, rad] weights their readings.
     """
-    whole, first = rig.Rig(w, description, workers), w.some(rows=w.past)
+    whole, first = rig.Rig(w, description, workers), w.where(slice(None), w.past)
     past = rig.Rig(first, description, workers)
     measured = np.stack([first.z, first.phi], axis=1)
     weights = np.stack([first.there, first.valid], axis=1) / np.array(scatter)[:, None]
 
     def errors(own: Array) -> Array:
-        rest: Array = weights * (past.readings(values, own) - measured)
-        return rest.reshape(w.count, -1)
+        return np.reshape(weights * (past.readings(values, own) - measured), (w.count, -1))
 
     own = fitted_starts(lambda x: errors(x) / 1e3, w.starts, rig.START_SCALE, rounds=3)
     own = fitted_starts(errors, own, rig.START_SCALE, rounds=2)

@@ -486,10 +486,8 @@ class Request:
         size = np.einsum("ki,ki->k", speed, np.abs(quadratic)) + most + 1e-6 * whole + steady
         lost, taken = np.einsum("ki,ki->k", v, linear), np.einsum("ki,ki->k", damping, v**2)
         other = np.einsum("ki,ki->k", speed, np.abs(linear)) + taken + 1e-6 * whole
-        return (
-            _largest(np.einsum("ki,ki->k", v, quadratic) - gain, size),
-            _largest(lost - taken, other),
-        )
+        gained = np.einsum("ki,ki->k", v, quadratic)
+        return _largest(gained - gain, size), _largest(lost - taken, other)
 
     def engine_alone(self, engine: Point) -> None:
         """Add that inertias are of bodies, and that energy changes by the work that is done."""
@@ -565,8 +563,7 @@ def _condition(mass: Floats) -> float:
 def _slope(function: Callable[[Floats], Floats], step: Floats) -> Floats:
     """Return the derivative at 0 of a function of one number a point, to the fourth order."""
     a, b, c, d = (function(s * step[:, None]) for s in (1.0, -1.0, 2.0, -2.0))
-    found: Floats = ((8.0 * (a - b) - (c - d)).T / (12.0 * step)).T
-    return found
+    return np.asarray(((8.0 * (a - b) - (c - d)).T / (12.0 * step)).T)
 
 
 def _largest(wrong: Floats, size: Floats) -> float:

@@ -164,11 +164,9 @@ def run(request: Request, *, workers: int = 1, progress: Progress = silent) -> R
     paper = scenarios[0].is_cart_pole
     published = {s.name for s in scenarios if is_published(s)}
     claimed = decidable({(name, c.name) for name in published for c in controllers})
-    parts: list[Callable[[], Any]] = (
-        [partial(_of_equations, settings.full)]
-        if paper
-        else [partial(any_plant.of_plant, one) for one in scenarios]
-    )
+    parts: list[Callable[[], Any]] = [partial(any_plant.of_plant, one) for one in scenarios]
+    if paper:
+        parts = [partial(_of_equations, settings.full)]
     whole, of_case = len(parts), judge if paper else any_plant.judge
     parts += [partial(of_case, (s, c, settings)) for s in scenarios for c in controllers]
     done = compute(call, parts, "checking", progress, workers)

@@ -97,10 +97,8 @@ def require_runnable(
         raise InvalidValueError("scenarios", "must be of one plant in a comparison", known)
     for scenario in scenarios:
         ticks_of(scenario.ideal, settings.timestep, settings.control_period)
-        start, place = (
-            np.array(scenario.initial_state),
-            f"scenario {scenario.name!r}: initial_state",
-        )
+        start = np.array(scenario.initial_state)
+        place = f"scenario {scenario.name!r}: initial_state"
         told = scenario.told_values(np.zeros(1))[0]
         if has_ended(criterion_of(scenario), start):
             rule = "must not be where a run ends: that leaves nothing to compare"

@@ -257,8 +257,7 @@ def _qacc(model: mujoco.MjModel, data: mujoco.MjData, state: Floats) -> Floats:
     mujoco.mj_resetData(model, data)
     data.qpos, data.qvel, data.ctrl = state[:2], state[2:], 3.0
     mujoco.mj_forward(model, data)
-    found: Floats = data.qacc.copy()
-    return found
+    return np.array(data.qacc)
 
 
 # --- closed loops ---------------------------------------------------------------------------------

@@ -161,9 +161,7 @@ def _limit(figure: str, old: Mapping[str, Sequence[Any]]) -> float:
     sample = (1.0 + SLACK) * SETTINGS.timestep
     if figure.startswith("settling_"):
         return sample
-    if (
-        figure == "saturated_share" and "end_time" in old
-    ):  # samples that are saturated, as a share of the run
+    if figure == "saturated_share" and "end_time" in old:  # samples, as a share of the run
         return sample / (old["end_time"][0] or 1.0)
     if figure in COLUMNS:
         return FORCE_LIMIT if figure == "force" else STATE_LIMIT
