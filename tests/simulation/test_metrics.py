@@ -9,7 +9,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.simulation.metrics import metric_names, metrics
-from afl_mujoco.studies.verify.claims import ObjectiveScales, objective_scales, with_objective
+from afl_mujoco.studies.verify.claims import TERMS, ObjectiveScales, with_objective
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
 
@@ -77,7 +77,8 @@ def test_what_a_run_did_not_show_is_none() -> None:
 
 def test_the_objective_of_its_own_scales_is_three_and_saturation_counts_time() -> None:
     figures, gains = measured(run := decaying_run()), afl.FIXED_GAINS
-    scored = with_objective(figures, objective_scales(figures))
+    scales = ObjectiveScales(**{name: figures[name] for name in TERMS})
+    scored = with_objective(figures, scales)
     assert scored["objective"] == 3.0 and scored.keys() == {*metric_names()}
     sliding = afl.sliding_variable(run.state, afl.CartPoleParameters(), gains)
     share = np.trapezoid((np.abs(sliding) >= gains.boundary_layer).astype(float), run.time) / 10.0
