@@ -7,6 +7,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from afl_mujoco.report.blocks import (
+    MISSING,
     Block,
     Cell,
     Figure,
@@ -25,7 +26,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.cases import DEPLOYED
-from afl_mujoco.studies.verify.checks import ANY, CRITERIA, Check
+from afl_mujoco.studies.verify.checks import ANY, CRITERIA
 from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.explanation import SOURCES
 
@@ -115,37 +116,34 @@ def _number(result: Result, scenario: Scenario) -> int:
 
 
 def _claims(result: Result) -> Section:
-    return Section(
-        "The paper's claims",
-        "claims",
-        [
-            Matrix(
-                caption="Here, C2 and C8: when the last state is within 2 % of its peak; C9: the "
-                "schedules won; C10: the excess over our optimum. C9 to C12 and shares of readings "
-                "are of longer computations (make claims)",
-                columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
-                rows=[
-                    (one.id, one.claim, _counted(one, one.paper, 4), _counted(one, one.here, 3),
-                     Cell(one.verdict, GROUPS[kind(one.verdict)][0]))
-                    for one in result.claims
-                ],
-            ),
-            Figure(
-                name="report-claims",
-                title="The paper's claims",
-                caption="The paper's number (open) and the one found here (filled), of the claims "
-                "in percent; the bar is the 95 % interval of C9. C3 to C6 are the improvements of "
-                "the paper's Table 3.",
-                draw=partial(_draw_claims, result),
-            ),
-            Matrix(
-                caption="What is compared, and why the verdict",
-                columns=("Claim", "Compared", "Why the verdict"),
-                rows=[(one.id, one.figure, one.why) for one in result.claims],
-                folded="What is compared, and why the verdict",
-            ),
-        ],
-    )  # fmt: skip
+    rows = []
+    for one in result.claims:
+        verdict = Cell(one.verdict, GROUPS[kind(one.verdict)][0])
+        numbers = (_counted(one, one.paper, 4), _counted(one, one.here, 3))
+        rows.append((one.id, one.claim, *numbers, verdict))
+    ledger = Matrix(
+        caption="Here, C2 and C8: when the last state is within 2 % of its peak; C9: the "
+        "schedules won; C10: the excess over our optimum. C9 to C12 and shares of readings "
+        "are of longer computations (make claims)",
+        columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
+        rows=rows,
+    )
+    figure = Figure(
+        name="report-claims",
+        title="The paper's claims",
+        caption="The paper's number (open) and the one found here (filled), of the claims "
+        "in percent; the bar is the 95 % interval of C9. C3 to C6 are the improvements of "
+        "the paper's Table 3.",
+        draw=partial(_draw_claims, result),
+    )
+    why = "What is compared, and why the verdict"
+    reasons = Matrix(
+        caption=why,
+        columns=("Claim", "Compared", "Why the verdict"),
+        rows=[(one.id, one.figure, one.why) for one in result.claims],
+        folded=why,
+    )
+    return Section("The paper's claims", "claims", [ledger, figure, reasons])
 
 
 def _draw_claims(result: Result) -> Any:
@@ -182,35 +180,25 @@ def _checks(result: Result) -> Section:
     """Return each criterion at its worst, and every judged value."""
     found = {id: [check for check in result.checks if check.id == id] for id in CRITERIA}
     worst = [max(alike, key=lambda check: check.rank) for alike in found.values() if alike]
-    return Section(
-        "Checks",
-        "checks",
-        [
-            Matrix(
-                caption="Each criterion at its worst, states in m, rad, m/s, rad/s",
-                columns=("Check", "What is compared", "Worst", "Limit", "Margin"),
-                rows=[
-                    (
-                        one.id,
-                        one.quantity + (f" [{one.unit}]" if one.unit in ("J", "N s") else ""),
-                        Cell(_value(one.value), "good" if one.passed else "bad"),
-                        limit(one.limit),
-                        _margin(one),
-                    )
-                    for one in worst
-                ],
-            ),
-            Matrix(
-                caption="The criteria",
-                columns=("Check", "Why this limit", "Proves", "Leaves open"),
-                rows=[
-                    (one.id, one.reason, CRITERIA[one.id].proves, CRITERIA[one.id].leaves_open)
-                    for one in worst
-                ],
-                folded="Why these limits, and what each check proves and leaves open",
-            ),
-        ],
+    rows = []
+    for one in worst:
+        quantity = one.quantity + (f" [{one.unit}]" if one.unit in ("J", "N s") else "")
+        value = Cell(_value(one.value), "good" if one.passed else "bad")
+        fits = f"{short(one.limit / one.value, 2)}×" if one.value and one.limit else MISSING
+        rows.append((one.id, quantity, value, limit(one.limit), fits))
+    judged = Matrix(
+        caption="Each criterion at its worst, states in m, rad, m/s, rad/s",
+        columns=("Check", "What is compared", "Worst", "Limit", "Margin"),
+        rows=rows,
     )
+    known = [(one, CRITERIA[one.id]) for one in worst]
+    criteria = Matrix(
+        caption="The criteria",
+        columns=("Check", "Why this limit", "Proves", "Leaves open"),
+        rows=[(one.id, one.reason, its.proves, its.leaves_open) for one, its in known],
+        folded="Why these limits, and what each check proves and leaves open",
+    )
+    return Section("Checks", "checks", [judged, criteria])
 
 
 def _value(value: float | None) -> str:
@@ -219,33 +207,21 @@ def _value(value: float | None) -> str:
     return short(value, 2) if value == 0.0 or 1e-2 <= abs(value) < 1e3 else scientific(value)
 
 
-def _margin(check: Check) -> str:
-    """Return how many times a value fits into its limit."""
-    if not check.value or not check.limit:
-        return "–"
-    return f"{short(check.limit / check.value, 2)}×"
-
-
 def _budget(result: Result) -> Section:
     budgets = result.error_budgets
     worst = max(budgets, key=lambda budget: abs(budget.at_worst.total))
     at, parts = worst.at_worst, {**SOURCES, "residual": "not explained", "total": "total"}
-    return Section(
-        "Error budget",
-        "budget",
-        [
-            Matrix(
-                caption=f"{worst.scenario}, {worst.controller}: as deployed minus the equations, "
-                f"{symbol(at.state)} [{at.unit}] at {short(at.time)} s",
-                columns=("Source", "There", "Largest in any run"),
-                rows=[
-                    (words, scientific(getattr(at, x)),
-                     scientific(max(getattr(one, x) for one in budgets)))
-                    for x, words in parts.items()
-                ],
-            ),
-        ],
-    )  # fmt: skip
+    rows = [
+        (words, scientific(getattr(at, x)), scientific(max(getattr(one, x) for one in budgets)))
+        for x, words in parts.items()
+    ]
+    table = Matrix(
+        caption=f"{worst.scenario}, {worst.controller}: as deployed minus the equations, "
+        f"{symbol(at.state)} [{at.unit}] at {short(at.time)} s",
+        columns=("Source", "There", "Largest in any run"),
+        rows=rows,
+    )
+    return Section("Error budget", "budget", [table])
 
 
 def _omissions(result: Result) -> Section:
