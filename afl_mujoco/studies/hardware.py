@@ -193,9 +193,8 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
     steps = np.linspace(0.0, 0.5, BAND)
     spread = errors_of(starts, read, steps.tolist(), values, d)
     most = int(np.bincount(starts.log).argmax())
-    survival = (
-        outlook(identified, draws, seed, workers) if draws and export.certain(identified) else ()
-    )
+    known = draws and export.certain(identified)
+    survival = outlook(identified, draws, seed, workers) if known else ()
     progress("judging", 3, 3)
     return Result(
         logs=tuple(log.name for log in logs),

@@ -264,14 +264,10 @@ def _rates(result: Result) -> Matrix:
             for share, low, high in (result.rates[name][key] for key in result.words)
         )
         rows.append([name, *shares, MISSING if margin is None else percent(margin), fails])
+    how_often = [f"{word.capitalize()} on [%]" for word in result.words.values()]
     return Matrix(
         caption=f"Seed {result.seed}, with 95 % intervals",
-        columns=[
-            "Controller",
-            *(f"{word.capitalize()} on [%]" for word in result.words.values()),
-            "Median margin",
-            "How it fails",
-        ],
+        columns=["Controller", *how_often, "Median margin", "How it fails"],
         rows=rows,
     ).filled
 

@@ -279,18 +279,13 @@ def report(result: Result) -> Report:
             _label(result, one): [_cell(result, one, name) for name in names]
             for one in result.imperfections
         }
-        unsettled = any(text.endswith("~") for row in cells.values() for _, text in row)
-        blocks += graded(
-            "thresholds",
-            f"Level at which each controller fails on {on}",
-            f"In brackets: the reference level. Found to {percent(result.settings.tolerance, 3)}. "
-            "The higher the better, but of limits and rails the lower."
-            + " ~: not at rest at the end on the reference hardware."
-            * unsettled,
-            ["Imperfection", *names],
-            cells,
-            GRADES,
-        )
+        title = f"Level at which each controller fails on {on}"
+        width = percent(result.settings.tolerance, 3)
+        caption = f"In brackets: the reference level. Found to {width}. "
+        caption += "The higher the better, but of limits and rails the lower."
+        if any(text.endswith("~") for row in cells.values() for _, text in row):
+            caption += " ~: not at rest at the end on the reference hardware."
+        blocks += graded("thresholds", title, caption, ["Imperfection", *names], cells, GRADES)
     return Report(headline=headline, blocks=blocks)
 
 

@@ -116,19 +116,15 @@ def graded(
     """Return cells of grades, indices into `words`, worst first, as a figure and a table."""
     grades = [[grade for grade, _ in row] for row in cells.values()]
     texts = [[text for _, text in row] for row in cells.values()]
+    rows: list[list[Cell | str]] = [
+        [label, *(Cell(text, MARKED.get(grade, "")) for grade, text in row)]
+        for label, row in cells.items()
+    ]
+    draw = partial(_heat, [*cells], columns[1:], grades, texts, words)
     return [
-        Figure(
-            name=name,
-            title=title,
-            draw=partial(_heat, [*cells], columns[1:], grades, texts, words),
-        ),
-        Matrix(
-            caption=f"{title}. {caption}",
-            columns=columns,
-            rows=[[label, *(Cell(text, MARKED.get(grade, "")) for grade, text in row)]
-                  for label, row in cells.items()],
-        ),
-    ]  # fmt: skip
+        Figure(name=name, title=title, draw=draw),
+        Matrix(caption=f"{title}. {caption}", columns=columns, rows=rows),
+    ]
 
 
 def _heat(*arguments: Any) -> Any:
