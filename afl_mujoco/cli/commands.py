@@ -191,22 +191,20 @@ class Log:
                 figure = draw_log(shown)
             save_figure(figure, folder / f"{log.name}.png")
             rows.append(
-                (
-                    log.name, str(len(log.time)), short(log.duration, 3),
-                    short(1e3 * log.period), short(1e3 * log.jitter, 2), str(log.missing),
-                    f"{short(float(log.z.min()), 2)} to {short(float(log.z.max()), 2)}",
-                    f"{short(float(np.nanmin(angle)), 3)} to {short(float(np.nanmax(angle)), 3)}",
-                    percent(1.0 - float(log.valid.mean()), 2),
-                )
-            )  # fmt: skip
-        table = Matrix(
-            caption=description.name,
-            columns=(
-                "Log", "Rows", "Duration [s]", "Period [ms]", "Jitter [ms]", "Missing", "z [m]",
-                "φ [rad]", "φ in the dead zone",
-            ),
-            rows=rows,
-        )  # fmt: skip
+                {
+                    "Log": log.name,
+                    "Rows": str(len(log.time)),
+                    "Duration [s]": short(log.duration, 3),
+                    "Period [ms]": short(1e3 * log.period),
+                    "Jitter [ms]": short(1e3 * log.jitter, 2),
+                    "Missing": str(log.missing),
+                    "z [m]": f"{short(float(log.z.min()), 2)} to {short(float(log.z.max()), 2)}",
+                    "φ [rad]": f"{short(np.nanmin(angle), 3)} to {short(np.nanmax(angle), 3)}",
+                    "φ in the dead zone": percent(1.0 - float(log.valid.mean()), 2),
+                }
+            )
+        cells = [list(row.values()) for row in rows]
+        table = Matrix(caption=description.name, columns=list(rows[0]), rows=cells)
         print_blocks([table])
         say(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
         return SUCCESS
