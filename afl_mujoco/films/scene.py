@@ -14,20 +14,7 @@ from afl_mujoco.errors import GraphicsError, InvalidValueError
 from afl_mujoco.films.replay import Replay
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import GREEK
-from afl_mujoco.simulation.drawing import (
-    FLAT,
-    LARGEST,
-    Colour,
-    Track,
-    add_forces,
-    add_tracks,
-    drawn_geoms,
-    drawn_model,
-    follow,
-    kept,
-    poses,
-    tracks,
-)
+from afl_mujoco.simulation import drawing
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, write_state
 
 AHEAD, ASKANCE = (0.0, -9.0), (30.0, -25.0)
@@ -77,13 +64,13 @@ def watch(
         mujoco.mj_forward(model.mj_model, model.mj_data)
         x, y, _ = -model.mj_data.cam_xmat[0].reshape(3, 3)[:, 2]  # where it looks
         return [Standpoint(azimuth=float(np.degrees(np.arctan2(y, x)))) for _ in replays]
-    geoms = drawn_geoms(model.mj_model)
-    seen = [poses(model, geoms, one.values, one.state).around for one in replays]
-    aims, _, own = follow(seen, fps)
-    around = kept(seen, aims, own)
+    geoms = drawing.drawn_geoms(model.mj_model)
+    seen = [drawing.poses(model, geoms, one.values, one.state).around for one in replays]
+    aims, _, own = drawing.follow(seen, fps)
+    around = drawing.kept(seen, aims, own)
     # of the motion, not of the plant: each point by itself
     width, depth, _ = np.max([np.ptp(points, axis=0).max(axis=0) for points in seen], axis=0)
-    past, elevation = AHEAD if min(width, depth) <= FLAT * max(width, depth) else ASKANCE
+    past, elevation = AHEAD if min(width, depth) <= drawing.FLAT * max(width, depth) else ASKANCE
     azimuth = (90.0 if width >= depth else 180.0) + past
     axes = _axes(azimuth, elevation)
     distance, offset = _distance(around @ axes.T, model.mj_model.vis.global_.fovy, size, frame)
@@ -129,7 +116,7 @@ def _distance(
 SMALLEST = 128
 """Smallest side of a picture [px]."""
 
-GHOST: Colour = (0.75, 0.90, 1.0, 0.45)
+GHOST: drawing.Colour = (0.75, 0.90, 1.0, 0.45)
 
 BEHIND, RIM = 1.02, 0.005
 """How far from the camera the ghost is, over where it would be, and how much larger it is, as a
@@ -146,23 +133,23 @@ class Stage:
     model: SimulatedModel
     ghost: mujoco.MjData  # where the ghost is
     paths: list[Standpoint]  # of the camera in each run
-    rails: list[Track]
+    rails: list[drawing.Track]
 
     @classmethod
     def of(cls, replays: Sequence[Replay], fps: int, size: tuple[int, int], frame: Frame) -> Stage:
         """Return the stage of runs of one scenario."""
-        model = drawn_model(replays[0].plan)
+        model = drawing.drawn_model(replays[0].plan)
         paths = watch(model, replays, fps, size, frame)
         angle = np.radians(paths[0].azimuth)
         toward = -np.array([np.cos(angle), np.sin(angle), 0.0])  # where one is who looks
-        rails = tracks(replays[0].plan, model, toward)
+        rails = drawing.tracks(replays[0].plan, model, toward)
         return cls(model, mujoco.MjData(model.mj_model), paths, rails)
 
     def add(self, scene: mujoco.MjvScene, replay: Replay, index: int) -> None:
         """Draw a frame's ghost, forces, end stops and limits."""
         _haunt(scene, self.model, self.ghost, replay, index)
-        add_forces(scene, self.model, replay.inputs[index], replay.channels[index])
-        add_tracks(scene, self.model, self.rails, replay.state[index])
+        drawing.add_forces(scene, self.model, replay.inputs[index], replay.channels[index])
+        drawing.add_tracks(scene, self.model, self.rails, replay.state[index])
 
     def draw(
         self, renderer: mujoco.Renderer, replay: Replay, index: int, path: Standpoint
@@ -209,7 +196,7 @@ def _haunt(
 
 def require_size(size: tuple[int, int]) -> None:
     """Raise unless a film can have this size."""
-    for thing, side, largest in zip(("width", "height"), size, LARGEST, strict=True):
+    for thing, side, largest in zip(("width", "height"), size, drawing.LARGEST, strict=True):
         if not SMALLEST <= side <= largest:
             rule = f"must lie between {SMALLEST} and {largest} pixels, the off-screen buffer"
             raise InvalidValueError(f"film {thing}", rule, side)
