@@ -138,7 +138,7 @@ def commands_for(chosen: str) -> Iterator[Any]:
     summaries |= {name: str(kind.__doc__).splitlines()[0] for name, kind in OTHERS.items()}
     for name, summary in summaries.items():
         if name == chosen:
-            command: Any = plain_help(_kind_of(name))
+            command = plain_help(_kind_of(name))
         else:
             command = make_dataclass(name, (), namespace={"__doc__": summary})
         yield Annotated[command, tyro.conf.subcommand(name)]

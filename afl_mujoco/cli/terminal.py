@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, get_type_hints
 
 import tyro
 
@@ -23,9 +23,6 @@ SUCCESS, CHECK_FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 
 FILMS, RESULTS = Path("renders"), Path("renders/validation")
 """Default folders of films, and of the results of studies with their page."""
-
-
-Command = TypeVar("Command")
 
 CallLimit = Annotated[
     float | None,
@@ -63,14 +60,14 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def plain_help(kind: type[Command]) -> type[Command]:
+def plain_help(kind: Any) -> Any:
     """Return the dataclass of a command, with a help that omits uninformative defaults.
 
     These are None and nothing, whose meaning the help of the option explains, and those of
     switches.
     """
     hints = get_type_hints(kind, include_extras=True)
-    for option in fields(kind):  # type: ignore[arg-type]
+    for option in fields(kind):
         if option.default in (None, ()) or isinstance(option.default, bool):
             silent = tyro.conf.arg(help_behavior_hint="")
             kind.__annotations__[option.name] = Annotated[hints[option.name], silent]
