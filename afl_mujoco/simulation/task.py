@@ -339,7 +339,7 @@ def load(
     drawn = require_switch("randomize", randomize)
     space = SampleSpace(with_ranges(scenario, start=True)) if drawn else None
     asked = ticks_of(scenario, timestep, control_period)
-    ticks = fine_enough(asked, _decay_rate(scenario, space, integrator))
+    ticks = fine_enough(asked, _fastest_rate(scenario, space, integrator))
     task = Balance(force_limit=force_limit, random=random, space=space)
     physics = Physics(scenario, timestep=ticks.timestep, integrator=integrator, hold=ticks.hold)
     # Half a step early, so that round-off in the division by the period cannot add a period.
@@ -348,15 +348,16 @@ def load(
     return control.Environment(physics, task, **settings)
 
 
-def _decay_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:
-    """Return the fastest `SimulatedModel.decay_rate` of the scenarios of any episode [1/s]."""
+def _fastest_rate(scenario: Scenario, space: SampleSpace | None, integrator: str) -> float:
+    """Return the fastest `SimulatedModel.fastest_rate` of the scenarios of any episode [1/s]."""
     hardware, spans = scenario.imperfections, scenario.spans
     if space is not None:
         drawn = {x: ends for x, ends in space.varied.items() if x.startswith((*DAMPING, *LIGHTER))}
         hardware = hardware.changed({x: ends[x.startswith(DAMPING)] for x, ends in drawn.items()})
         spans = {name: space.bounds(name) for name in spans}
     model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=hardware)
-    return model.decay_rate(spans, scenario.initial_state[: len(scenario.target)], scenario.target)
+    start = scenario.initial_state[: len(scenario.target)]
+    return model.fastest_rate(scenario.duration, spans, start, scenario.target)
 
 
 def controller_policy(

@@ -507,12 +507,14 @@ class Request:
             states = zip(trees, q + s * v, v + s * a, strict=True)
             return np.array([terms_of(*x).energy.sum() for x in states])
 
-        fastest = np.maximum(np.abs(v).max(1), np.sqrt(np.abs(a).max(1)))
-        gained = _slope(energy, 1e-3 / np.maximum(1.0, fastest))
+        fastest = np.maximum(1.0, np.maximum(np.abs(v).max(1), np.sqrt(np.abs(a).max(1))))
+        gained = _slope(energy, 1e-3 / fastest)
+        rounded = 1e-4 * fastest * np.abs(energy(np.zeros((len(q), 1))))  # of a stiff spring
         pushed = (b @ u[..., None])[..., 0]
         power = np.einsum("ki,ki->k", v, pushed - damping * v)
         forces = (np.abs(m) @ np.abs(a)[..., None])[..., 0] + np.abs(h) + np.abs(pushed)
-        return _largest(gained - power, np.einsum("ki,ki->k", np.abs(v), forces))
+        size = np.einsum("ki,ki->k", np.abs(v), forces) + rounded
+        return _largest(gained - power, size)
 
     def mutation(self) -> None:
         """Add how many numbers of a model written in place differ from one compiled afresh."""

@@ -78,6 +78,18 @@ def test_the_step_is_fine_enough_for_a_spring_and_where_the_run_starts() -> None
     np.testing.assert_allclose(run.state[-1], exact.state[-1], atol=1e-6)
 
 
+@pytest.mark.parametrize("stiffness", [6e4, 2.5e6])
+def test_what_a_spring_without_damping_lets_ring_rings_on(stiffness: float) -> None:
+    """At 1 ms RK4 would take 60 % and all of the amplitude of 245 and 1581 rad/s in 10 s."""
+    plant = cart(joint=f' stiffness="{stiffness:g}"')
+    rings = gliding(plant, duration=10.0, initial_state={"x": 0.05})
+    speeds = afl.simulate_mujoco(rings, idle).state[-200:, 1]
+    assert np.abs(speeds).max() == pytest.approx(0.05 * np.sqrt(stiffness), rel=0.03)
+    asked = afl.Requirements(bands={"x": 0.01}, settling_time=8.0)
+    (row,) = afl.run_all(idle, replace(rings, requirements=asked))
+    assert row.failure == "settling_time"
+
+
 @pytest.mark.parametrize("motor", [' forcerange="-1 1"', ' ctrlrange="-1 1"'])
 def test_a_limit_of_the_mjcf_s_actuator_is_that_of_the_input_everywhere(motor: str) -> None:
     asked = afl.Requirements(max={"f": 5.0})

@@ -51,7 +51,7 @@ from afl_mujoco.simulation.trajectory import (
 LONG_AGO = 1e9  # before that nothing was known of the plant [s]; a longer delay is the same
 
 MOST_FINER = 1000
-"""Largest factor by which a run makes its step finer for the damping of the joints."""
+"""Largest factor by which a run makes its step finer for dampers and springs."""
 
 
 class PreparedRun(NamedTuple):
@@ -79,15 +79,16 @@ class Timing(NamedTuple):
 
 
 def timing_of(scenario: Scenario, model: SimulatedModel, deployed: Deployed = DEFAULT) -> Timing:
-    """Return the instants of a run, its step fine enough for the damping in the model."""
+    """Return the instants of a run, its step fine enough for the model's dampers and springs."""
     asked = ticks_of(scenario, deployed.timestep, deployed.control_period)
     places = scenario.initial_state[: len(scenario.target)], scenario.target
-    step, hold = fine_enough(asked, model.decay_rate(scenario.spans, *places))
+    rate = model.fastest_rate(scenario.duration, scenario.spans, *places)
+    step, hold = fine_enough(asked, rate)
     return Timing(step, hold, asked.period, step_times(scenario.duration, step), asked.timestep)
 
 
 def fine_enough(ticks: Ticks, rate: float) -> Ticks:
-    """Return ticks whose steps are no longer than the fastest decay [1/s], or raise."""
+    """Return ticks whose steps are no longer than the reciprocal of a rate [1/s], or raise."""
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
     if finer > MOST_FINER:
