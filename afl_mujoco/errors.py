@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import tokenize
 import zipfile
 import zlib
@@ -76,7 +77,7 @@ def told(value: object, how: Callable[[Any], str] = str) -> str:
     if type(value).__repr__ is object.__repr__ and type(value).__str__ is object.__str__:
         return f"an object of class {type(value).__name__}"  # and no address
     try:
-        return how(value)
+        return re.sub(" at 0x[0-9a-f]+", "", how(value))
     except Exception:
         return f"<{type(value).__name__} without a text>"
 
@@ -128,8 +129,8 @@ class FileError(AflMujocoError):
     @classmethod
     def none_at(cls, path: Path) -> FileError:
         """Build the error of a path at which there is no file."""
-        there = "it is a folder" if path.is_dir() else "no such file"
-        return cls(str(path), f"cannot be read: {there}")
+        there = "it is no file" if path.exists() else "no such file"
+        return cls(str(path), f"cannot be read: {'it is a folder' if path.is_dir() else there}")
 
 
 _MALFORMED = (

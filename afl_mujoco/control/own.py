@@ -372,6 +372,8 @@ _NO_NUMBERS = (str, bytes, bytearray, bool, np.bool_, complex, np.complexfloatin
 
 def _as_floats(value: Any, count: int) -> Floats:
     """Return numbers from a number, a sequence, an array or a tensor of any library, or raise."""
+    if inspect.iscoroutine(value):
+        value.close()  # nobody awaits it
     if callable(detach := getattr(value, "detach", None)):
         value = detach()  # a tensor that is part of a graph of gradients
     try:

@@ -283,7 +283,7 @@ def _read(path: Path, headers: Sequence[str]) -> dict[str, Floats]:
 
 def _table(path: Path, wanted: Sequence[str]) -> tuple[str, list[str], list[_Row]]:
     """Return how the values of a CSV file are separated, their names, and its rows."""
-    with reading(path, ""):
+    with reading(path, "cannot be read"):
         lines = enumerate(read_utf8(path, MOST_BYTES).splitlines(), start=1)
     numbered = [(number, line) for number, line in lines if line.strip() and line[0] != "#"]
     if not numbered:

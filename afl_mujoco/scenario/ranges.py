@@ -62,7 +62,8 @@ def ranges_of(plant: Plant, given: Any) -> ByName[Range]:
     """
     flat: dict[str, Any] = {}
     for name, value in require_table("ranges", given).items():
-        own = isinstance(value, Mapping)
+        if (own := isinstance(value, Mapping)) and not value:
+            raise InvalidValueError(f"ranges.{name}", "must have a least and a largest value")
         flat |= {f"{name}.{part}": x for part, x in value.items()} if own else {name: value}
     known = variable(plant)
     with within("ranges."):

@@ -112,6 +112,10 @@ class Mute(Exception):
     __repr__ = __str__
 
 
+async def asleep():
+    return 3.0
+
+
 @pytest.mark.parametrize("value", [
     3, np.float32(3.0), np.array([[3.0]]).view(np.matrix), [[3]], [Decimal(3)], Tensor(),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
@@ -123,6 +127,7 @@ def test_one_number_in_any_shape_is_a_force(value):
     (None, "None"), ("3", "'3'"), (True, "True"), ([[1.0], [2.0, 3.0]], "[[1.0], [2.0, 3.0]]"),
     (np.zeros((1, 2)), "an array of shape (1, 2) of float64"), (Mute(), "<Mute without a text>"),
     (np.ma.masked_invalid([np.nan]), "an array of shape (1,) of float64"),
+    (asleep(), "<coroutine object asleep>"),
 ], ids=lambda x: type(x).__name__)  # fmt: skip
 def test_what_is_no_number_is_answered_in_one_line(value, said):
     expected = line(f"controller 'mine' must return one number at t = 0.5 s, got {said}")

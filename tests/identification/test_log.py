@@ -147,7 +147,7 @@ def test_any_usual_separator_and_decimal_sign_reads_the_same(tmp_path, columns, 
     (("0.08,", "0.0_8,"), "utf-8", "row 5 (line 6) must have a number in column 'time', separated"),
     (("command", "comand"), "utf-8",
      "column 'command' is missing; the columns are time, phi, z, comand; did you mean comand?"),
-    (("", ""), "utf-16", "not UTF-8 text: save it as UTF-8"),
+    (("", ""), "utf-16", "cannot be read: not UTF-8 text: save it as UTF-8"),
 ], ids=lambda value: value if value == "utf-16" else "")  # fmt: skip
 def test_what_is_wrong_in_a_log_is_named(tmp_path, columns, change, encoding, message) -> None:
     path = written(tmp_path, {**columns, "time": 0.02 * np.arange(len(columns["time"]))})

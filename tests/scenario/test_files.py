@@ -66,6 +66,7 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
      "initial_state z must lie within end_stops.z, 0.5 m, got"),
     ("ranges.phj = [0, 1]", "ranges.phj is not a known key; known keys: z, phi, "),
     ("ranges.phi = [-2, 2]", "ranges.phi must lie between -1.57 and 1.57 rad, where a run end"),
+    ("ranges.phi = {}", "ranges.phi must have a least and a largest value"),
     ("ranges.phi = 3.0", "ranges.phi must be a range: its least and its largest value, got 3"),
     ("ranges.phi = [0.3, -0.3]", "ranges.phi must not decrease, got 0.3 to -0.3"),
     ("requirements.max.z = -1", "requirements.max.z must be positive, got -1"),
