@@ -26,6 +26,7 @@ from afl_mujoco.simulation.trajectory import (
     effort_names,
 )
 
+DWELLS = 0.1  # share of the time between disturbances that it must stay settled, if it is less
 DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
 
@@ -199,12 +200,15 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
             if len(last):
                 rest = time[last[-1] + 1] if last[-1] + 1 < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
-        slowest, ever = max(slowest, lasted), ever and bool(rest < end)
+        stays = min(DWELL, DWELLS * (end - begin))  # a passage through the bands is no rest
+        slowest, ever = max(slowest, lasted), ever and bool(end - rest >= stays - 1e-9)
     margin = (limit - slowest) / limit
     if ever:
         return Judgement(name, limit, slowest, margin)
     return Judgement(name, limit, None, None, graded=margin)
 
+
+TURNED = 0.2  # rad in a step, of which RK4 takes 4e-7 of the amplitude of what turns with it
 
 LONG_WAIT, LONG = 0.05, 0.1
 """Share of a run that nobody means as a delay or a control period, if it is so long [s]."""
@@ -320,6 +324,16 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 "
             "is unstable or inaccurate with these dampers and springs"
         )
+    n, step = len(run.layout.coordinates), settings.get("timestep", 0.0)
+    for name, rate in zip(
+        run.layout.coordinates, np.abs(run.state[:, n:]).max(axis=0), strict=True
+    ):
+        turned = step * rate * (run.layout.units[name] == "rad")
+        if turned > TURNED and not run.simulator.endswith("exact"):
+            yield (
+                f"{symbol(name)} turns by up to {turned:.2g} rad in a physics step, of which "
+                "MuJoCo's integrators take energy: try a finer timestep"
+            )
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"
     if len(run.time) > 1 and not run.command.any():

@@ -29,8 +29,8 @@ from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
 from afl_mujoco.values import require_positive
 
-FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.99, 0.9999, 0.001, 0.5, 2.0)
-"""Constraint of dry friction: below break-away the cart creeps at some 1e-5 m/s."""
+FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)
+"""Constraint of dry friction: below break-away a joint creeps by 2e-7 s F / m."""
 
 STOP_SOLREF = (0.005, 1.0)
 """Constraint of the end stops [s, 1]: stiffer than MuJoCo's default, critically damped."""

@@ -39,7 +39,7 @@ from afl_mujoco.simulation.mujoco_model import (
     require_integrator,
     write_state,
 )
-from afl_mujoco.simulation.sampled.runs import simulate_sampled
+from afl_mujoco.simulation.sampled.runs import fine_enough, simulate_sampled
 from afl_mujoco.simulation.trajectory import (
     STATE_LIMIT,
     Trajectory,
@@ -335,8 +335,8 @@ def simulate_mujoco(
         stage, steps that end on every breakpoint.
     timestep
         Physics step [s], in exact mode the spacing of the reported instants; by default the longest
-        up to 1 ms that divides the control period. Where the damping of a joint is too fast for
-        RK4, sampled mode takes a finer one, which the provenance and a remark say.
+        up to 1 ms that divides the control period. Where dampers or springs are too fast for it,
+        sampled and continuous mode take a finer one, as the provenance and a remark say.
     control_period
         How long sampled mode holds the force [s], a multiple of `timestep` (default: that of the
         scenario's imperfections, else one step).
@@ -389,10 +389,17 @@ def simulate_mujoco(
     if mode == "sampled":
         deployed = Deployed(integrator, timestep, control_period)
         return simulate_sampled(scenario, controller, deployed, model=model)
+    asked = ticks.timestep
+    if mode == "continuous":  # by RK4, too
+        places = scenario.initial_state[: len(scenario.target)], scenario.target
+        rate = model.fastest_rate(scenario.duration, scenario.spans, *places)
+        ticks = fine_enough(ticks, rate)
     times = time_grid(scenario, ticks.timestep)
     # raises before the run if a gain is not positive
     controller_inputs(scenario, controller, times)
     settings = {"timestep": ticks.timestep, **scenario.plant.changes}
+    if ticks.timestep != asked:
+        settings["asked_timestep"] = asked
     nodes = {}  # a fixed step crosses them
     if mode == "exact":
         settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}

@@ -29,6 +29,7 @@ from afl_mujoco.scenario.files import find_scenario
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.studies.shared.contract import Progress, ScenarioIfAny, Study, compute, silent
 from afl_mujoco.studies.shared.loop_margins import (
     LINEAR,
@@ -250,6 +251,10 @@ def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> R
             rows += some
     departing = s.imperfections.departing()
     left_out = [x for x in departing if x.partition(".")[0] not in (*LINEAR, "seed")]
+    model = SimulatedModel(s.plant)
+    model.write(s.values_at(0.0))
+    rubs = zip(s.plant.coordinates, model.mj_model.dof_frictionloss, strict=True)
+    left_out += [f"frictionloss of {name}" for name, loss in rubs if loss > 0.0]
     counting = replace(linear_part(s.imperfections), control_period=None).departing()
     counting |= {f"belief.{name}": value for name, value in s.belief.table.items()}
     text = "; ".join(f"{name} = {json.dumps(value)}" for name, value in counting.items())

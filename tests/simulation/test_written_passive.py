@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.drawing import tracks
 from afl_mujoco.simulation.judgement import remarks_on
@@ -76,6 +77,33 @@ def test_the_step_is_fine_enough_for_a_spring_and_where_the_run_starts() -> None
     run, exact = (afl.simulate_mujoco(light, lambda *_: (), x) for x in ("sampled", "exact"))
     assert run.outcome.kind == "completed"
     np.testing.assert_allclose(run.state[-1], exact.state[-1], atol=1e-6)
+
+
+def test_a_stuck_joint_stays_and_a_passage_through_the_bands_is_no_rest() -> None:
+    """19 N do not move what 20 N of dry friction hold; 1.1 rad/s passes 0 at 4.28 s."""
+    asked = afl.Requirements(bands={"x": 1e-3}, settling_time=6.0)
+    more = {"requirements": asked, "initial_state": {"x": 1.9e-3}, "duration": 8.0}
+    stuck = gliding(cart(), imperfections=afl.Imperfections(dry_friction={"x": 20.0}), **more)
+    (row,) = afl.run_all(lambda t, x, b: -1e4 * x[0] - 140.0 * x[1], stuck)
+    assert row.failure == "settling_time" and not row.settled
+    asked = afl.Requirements(bands={"x": 0.02}, settling_time=4.3)
+    more = {"requirements": asked, "initial_state": {"x": 0.1}, "duration": 4.3}
+    (row,) = afl.run_all(lambda t, x, b: -1.2 * x[0], gliding(cart(), **more))
+    assert row.failure == "settling_time"
+
+
+def test_what_turns_far_in_a_step_and_continuous_mode_are_seen_to() -> None:
+    wheel = CART.format(joint="", motor="").replace('type="slide"', 'type="hinge"')
+    spun = gliding(afl.Plant(name="wheel", model=wheel, coordinates=("x",), inputs=("f",)))
+    for speed, said in ((150.0, False), (400.0, True)):
+        fast = replace(spun, initial_state={"x_dot": speed})
+        run = afl.simulate_mujoco(fast, idle)
+        told = remarks_on(run, fast, as_controller(idle))
+        assert any("turns by up to 0.4 rad in a physics step" in x for x in told) == said
+    rings = gliding(cart(joint=' stiffness="1e6"'), initial_state={"x": 0.01})
+    run = afl.simulate_mujoco(rings, idle, "continuous")
+    assert np.abs(run.state[-100:, 1]).max() == pytest.approx(10.0, rel=0.05)
+    assert run.provenance["settings"]["asked_timestep"] == 1e-3
 
 
 @pytest.mark.parametrize("stiffness", [6e4, 2.5e6])

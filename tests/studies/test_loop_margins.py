@@ -166,6 +166,8 @@ def test_the_linearised_plant_is_the_closed_form(odd_parameters):
     (lambda time, state, belief: math.nan if state[1] else 0.0, "must have finite slopes"),
     *((lambda time, state, belief, kink=kink: float(-100.0 * state[1] + kink * abs(state[1])),
        "must be smooth: slopes on either side may differ") for kink in (300.0, 1.0)),
+    (lambda time, state, belief: -100.0 * round(float(state[1]), 2), "must have a slope at the ta"),
+    (lambda time, state, belief: -100.0 * min(time, 1.0) * state[1], "must have a slope at the ta"),
 ])  # fmt: skip
 def test_a_controller_without_an_equilibrium_or_a_slope_at_upright_is_refused(function, rule):
     with pytest.raises(InvalidValueError, match=rule):

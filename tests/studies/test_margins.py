@@ -81,6 +81,23 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
     assert "loop cannot have: noise.phi" in said
 
 
+def test_dry_friction_of_the_mjcf_is_left_out_and_said() -> None:
+    """Near rest MuJoCo's is a damper a thousand times as strong as any other."""
+    model = """<mujoco><worldbody><body><joint name="x" type="slide" damping="1"{}/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>
+      <actuator><motor name="f" joint="x"/></actuator></mujoco>"""
+    found = []
+    for more in ("", ' frictionloss="0.5"'):
+        plant = afl.Plant(name="cart", model=model.format(more), coordinates=("x",), inputs=("f",))
+        own = PythonController(
+            name="pd", plant=plant, function=lambda t, x, b: -100.0 * x[0] - 4.0 * x[1]
+        )
+        still = afl.Scenario(name="still", plant=plant, duration=1.0)
+        found.append(margins.run(margins.Request(still, [own], {}, 0.002)))
+    assert found[0].rows == found[1].rows
+    assert [one.left_out for one in found] == [(), ("frictionloss of x",)]
+
+
 def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> None:
     hardware = [afl.Imperfections(delay=delay) for delay in (0.0, 0.01)]
     scenarios = [replace(AT_REST, imperfections=one) for one in hardware]

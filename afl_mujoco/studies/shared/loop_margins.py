@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
@@ -99,7 +100,7 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
     """Return the loop at rest, with passive physics and lags; `loop_margins` handles the rest."""
     plant, r = scenario.plant, linear_part(scenario.imperfections)
-    model = SimulatedModel(plant, imperfections=r)
+    model = SimulatedModel(plant, imperfections=r, edit=_without_dry_friction)
     model.write(scenario.values_at(0.0))
     n = len(plant.coordinates)
     target = target_of(scenario)
@@ -108,8 +109,8 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     def dynamics(state: Array, inputs: Array) -> Array:
         return np.array([*state[n:], *model.accelerations(state, inputs)])
 
-    def command(state: Array) -> Array:
-        return np.atleast_1d(controller.forces(state[None], told)[0])
+    def command(state: Array, time: float = 0.0) -> Array:
+        return np.atleast_1d(controller.forces(state[None], told, np.array([time]))[0])
 
     thing = f"linearisation of {controller.name!r}"
     held = require_rest(thing, scenario, command(target), model)
@@ -135,6 +136,13 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise InvalidValueError(thing, rule, f"{kink:.1e}")
+    later = functools.partial(command, time=0.5 * scenario.duration)
+    bands = np.array([scenario.band(name) for name in plant.coordinates])
+    beyond = np.abs(_sides(later, target, np.tile(bands, 2)) - later(target)[:, None]).max((0, 2))
+    if (flat := (beyond > 0.0) & ~k.any(axis=1)).any():
+        name = plant.inputs[int(np.argmax(flat))]
+        rule = f"must have a slope at the target at t = 0, where {name} does not answer to it"
+        raise InvalidValueError(thing, f"{rule} (a dead zone, a rounding, or a soft start?)")
     lags = np.array([r.of_input("lag", name) for name in plant.inputs])
     late = np.eye(len(lags))[lags > 0.0]  # the inputs that follow what is commanded with a lag [s]
     rates = np.diag(1.0 / lags[lags > 0.0])
@@ -142,6 +150,11 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     b = np.vstack([b * (lags == 0.0), rates @ late])
     k = np.hstack([k, np.zeros((len(k), len(late)))])
     return Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()))
+
+
+def _without_dry_friction(spec: mujoco.MjSpec) -> None:
+    """Leave out what a linear loop cannot have: MuJoCo's friction is a stiff damper near rest."""
+    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
 
 
 def target_of(scenario: Scenario) -> Array:
@@ -170,7 +183,7 @@ def _jacobian(function: Callable[[Array], Array], point: Array, step: float) -> 
     return np.asarray((ahead - behind) / (2.0 * step))
 
 
-def _sides(function: Callable[[Array], Array], point: Array, step: float) -> list[Array]:
+def _sides(function: Callable[[Array], Array], point: Array, step: Any) -> list[Array]:
     """Return a function a step ahead of a point and a step behind, shapes (outputs, inputs)."""
     offsets = step * np.eye(len(point))
     return [np.stack([function(point + x) for x in s * offsets], axis=-1) for s in (1.0, -1.0)]

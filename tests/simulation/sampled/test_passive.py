@@ -44,7 +44,7 @@ def _by_hand(p, r):
     about_com = (1 - s) * m * (length**2 / 3 + (com - length) ** 2)
     about_com += s * m * (2 * length - com) ** 2
     friction, hinge_friction = (
-        f'frictionloss="{loss!r}" solimpfriction=".99 .9999 .001 .5 2" solreffriction=".004 1"'
+        f'frictionloss="{loss!r}" solimpfriction=".9999 .9999 .001 .5 2" solreffriction=".004 1"'
         for loss in (r.at("dry_friction.z"), r.at("dry_friction.phi"))
     )
     rail = r.at("end_stops.z")
