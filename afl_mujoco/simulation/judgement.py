@@ -200,8 +200,9 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
             if len(last):
                 rest = time[last[-1] + 1] if last[-1] + 1 < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
-        stays = min(DWELL, DWELLS * (end - begin))  # a passage through the bands is no rest
-        slowest, ever = max(slowest, lasted), ever and bool(end - rest >= stays - 1e-9)
+        shown = min(DWELL, DWELLS * (end - begin))  # a passage through the bands is no rest
+        stays = end - rest >= (shown - 1e-9 if lasted <= limit else 1e-9)
+        slowest, ever = max(slowest, lasted), ever and bool(stays)
     margin = (limit - slowest) / limit
     if ever:
         return Judgement(name, limit, slowest, margin)
