@@ -15,10 +15,30 @@ import os
 import time
 from collections.abc import Iterable, Mapping
 
+import numpy as np
+
 from afl_mujoco.identification.identify import Identified, identify
 from afl_mujoco.identification.log import log_of
-from tests.coulomb_rig import description_of, random_rig
-from tests.synthetic_logs import random_truth, swing
+from tests.coulomb_rig import CoulombRig, description_of
+from tests.synthetic_logs import STEP, Truth, swing
+
+
+def random_truth(seed: int) -> Truth:
+    u = np.random.default_rng(seed).uniform
+    return Truth(
+        cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
+        force=u(6.0, 14.0), rail_damping=u(2.0, 8.0), hinge_damping=u(1e-4, 6e-4),
+        delay=STEP * round(u(2.0, 15.0)), skew=u(-0.005, 0.005), offset=u(-0.02, 0.02),
+    )  # fmt: skip
+
+
+def random_rig(seed):
+    u = np.random.default_rng(seed).uniform
+    return CoulombRig(
+        cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
+        force=u(8.0, 14.0), friction=u(0.2, 2.0), rail_damping=u(2.0, 8.0),
+        hinge_damping=u(1e-4, 6e-4), delay=u(0.002, 0.015),
+    )  # fmt: skip
 
 
 def main() -> None:

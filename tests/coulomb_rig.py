@@ -120,14 +120,5 @@ RIGS = (
 """Three rigs with little, much and moderate dry friction."""
 
 
-def random_rig(seed):
-    u = np.random.default_rng(seed).uniform
-    return CoulombRig(
-        cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
-        force=u(8.0, 14.0), friction=u(0.2, 2.0), rail_damping=u(2.0, 8.0),
-        hinge_damping=u(1e-4, 6e-4), delay=u(0.002, 0.015),
-    )  # fmt: skip
-
-
 def description_of(rig):
     return described("dry", rig, rig.angle_count, cart_mass=0.7, force=8.0)

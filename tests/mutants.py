@@ -6,17 +6,12 @@ each is planted in a temporary copy of the repository, on which checks run until
 tests that are likely to, the verdict of `afl-mujoco validate --full`, the other tests of what is
 computed, all but the slow ones.
 
-    python tests/mutants.py [--count 400] [--seed 1] [--jobs 2] [--only PART ...] [--resume]
-                            [--survivors] [--brief] [--out FILE] [--list]
-
 OPERATORS has one replacement per operator. Left out, since no test could notice them or every test
 would, which flatters the score: bitwise operators in place of arithmetic, ``is`` in place of
 ``==``, decorators, other exceptions to catch, annotations, docstrings, f-strings, errors' words.
 
 A mutant is equivalent if equivalent_mutants.toml names it, with the reason; it is not run. The
 score is the share of the others that were noticed. One that runs into the time limit was.
-
-Exit code 0 if every mutant is noticed or equivalent, 1 otherwise, 130 when interrupted.
 """
 
 import argparse

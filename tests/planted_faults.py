@@ -4,11 +4,7 @@ Each fault of planted_faults.toml is planted in a temporary copy of the reposito
 run until one objects: what objected the last time (docs/results/faults.json), the tests that the
 list names, the verdict of `afl-mujoco validate --full`, the other tests.
 
-    python tests/planted_faults.py [--only NAME ...] [--jobs 2] [--out FILE] [--list]
-
 --out keeps what was found (docs/results/faults.json); with --only the rest of the file stays.
-
-Exit code 0 if every fault is caught, 1 otherwise, 130 when interrupted.
 """
 
 import argparse

@@ -86,15 +86,6 @@ def rounded(values: np.ndarray, count: float) -> np.ndarray:
     return np.round(values / count) * count
 
 
-def random_truth(seed: int) -> Truth:
-    u = np.random.default_rng(seed).uniform
-    return Truth(
-        cart_mass=u(0.3, 1.5), half_length=u(0.12, 0.35), pole_mass=u(0.05, 0.2),
-        force=u(6.0, 14.0), rail_damping=u(2.0, 8.0), hinge_damping=u(1e-4, 6e-4),
-        delay=STEP * round(u(2.0, 15.0)), skew=u(-0.005, 0.005), offset=u(-0.02, 0.02),
-    )  # fmt: skip
-
-
 def swing(truth: Truth, seed: int, seconds: float = 4.0, period: float = PERIOD):
     """A log as columns of its description: a pumped pole, the cart kept near the middle."""
     rng = np.random.default_rng(seed)

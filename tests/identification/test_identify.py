@@ -33,8 +33,7 @@ def assert_found(found, *names):
 def test_momentum_tells_the_drive_whatever_its_owner_guesses(logs) -> None:
     windows = cut(logs[:3], 0.5, 0.5)
     for factor in (0.05, 1.0, 17.0):
-        guessed = {"cart_mass": 0.5, "force": factor * TRUTH.force}
-        own = described("made up", TRUTH, TRUTH.count, **guessed)
+        own = described("own", TRUTH, TRUTH.count, cart_mass=0.5, force=factor * TRUTH.force)
         first = {one.name: one.start for one in rig.parameters_of(own, windows)}
         assert first["gain"] == pytest.approx(TRUTH.expected["gain"], rel=0.1)
         assert first["decay"] == pytest.approx(TRUTH.expected["decay"], rel=0.2)

@@ -91,21 +91,18 @@ def test_a_stuck_joint_and_a_passage_through_the_bands_are_no_rest(friction, sta
 
 
 def test_what_turns_far_in_a_step_is_remarked_on() -> None:
-    wheel = CART.format(joint="", motor="").replace('type="slide"', 'type="hinge"')
-    spun = gliding(afl.Plant(name="wheel", model=wheel, coordinates=("x",), inputs=("f",)))
+    wheel = replace(cart(), model=cart().model.replace("slide", "hinge"))
     for speed, said in ((150.0, False), (400.0, True)):
-        fast = replace(spun, initial_state={"x_dot": speed})
+        fast = gliding(wheel, initial_state={"x_dot": speed})
         told = remarks_on(afl.simulate_mujoco(fast, idle), fast, as_controller(idle))
         assert any("turns by up to 0.4 rad in a physics step" in x for x in told) == said
 
 
-@pytest.mark.parametrize(("stiffness", "mode"), [
-    (6e4, "sampled"), (2.5e6, "sampled"), (2.5e6, "continuous"),
-])  # fmt: skip
+@pytest.mark.parametrize(("stiffness", "mode"), [(6e4, "sampled"), (2.5e6, "continuous")])
 def test_what_a_spring_without_damping_lets_ring_rings_on(stiffness: float, mode: str) -> None:
     """At 1 ms RK4 would take 60 % and all of the amplitude of 245 and 1581 rad/s in 10 s."""
-    plant = cart(joint=f' stiffness="{stiffness:g}"')
-    run = afl.simulate_mujoco(gliding(plant, duration=10.0), idle, mode)
+    rings = gliding(cart(joint=f' stiffness="{stiffness:g}"'), duration=10.0)
+    run = afl.simulate_mujoco(rings, idle, mode)
     assert np.abs(run.state[-200:, 1]).max() == pytest.approx(1.0, rel=0.03)
     assert run.provenance["settings"]["asked_timestep"] == 1e-3
 

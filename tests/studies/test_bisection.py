@@ -2,16 +2,12 @@
 
 import math
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy import geomspace as scan_levels
 
 from afl_mujoco.studies.shared.search import find_threshold
-
-
-def scan_levels(benign: float, harsh: float, count: int) -> list[float]:
-    return np.geomspace(benign, harsh, count).tolist()
 
 
 @given(st.floats(0.011, 99.0), st.floats(1e-3, 0.5), st.booleans())

@@ -126,7 +126,6 @@ def test_the_order_of_a_loop_that_is_fast_is_seen_at_shorter_periods() -> None:
     scenario = scenario_of(fast, initial_state={"x": 1e-3}, duration=0.2)
     (check,) = [one for one in judge((scenario, stiff, Settings())).checks if one.id == "B4f"]
     assert check.passed and check.value > 0.0
-    # of a command that stays as it is nothing is lost by holding it: RK4's own order is no fault
     spring = replace(fast, model=fast.model.replace('"slide"', '"slide" stiffness="2e4"'))
     idle = PythonController(name="idle", plant=spring, function=lambda t, x, b: 0.0)
     scenario = scenario_of(spring, initial_state={"x": 0.05}, duration=1.0)
