@@ -362,9 +362,7 @@ def _covariance(
     return covariance, degrees
 
 
-def _left_out(
-    told: Array, scores: Array, groups: NDArray[np.int64]
-) -> tuple[Array, NDArray[np.float64]]:
+def _left_out(told: Array, scores: Array, groups: NDArray[np.int64]) -> tuple[Array, Array]:
     """Return how the estimates move without each group, and the variances that have no end."""
     whole, moved, endless = told.sum(axis=0), [], np.zeros(told.shape[1])
     for group in np.unique(groups):

@@ -126,11 +126,16 @@ def require_compiler(spec: Any, *, masses: bool) -> None:
 
 def compare_only_what_equations_have(spec: Any) -> None:
     """Switch off in a description what is left out."""
-    off = (DISABLE.mjDSBL_LIMIT, DISABLE.mjDSBL_FRICTIONLOSS, DISABLE.mjDSBL_AUTORESET)
-    spec.option.disableflags |= sum(map(int, off))
+    spec.option.disableflags |= int(DISABLE.mjDSBL_LIMIT) | int(DISABLE.mjDSBL_AUTORESET)
+    without_dry_friction(spec)
     for body in spec.bodies:
         body.gravcomp = 0.0
     without_limits_of_inputs(spec)
+
+
+def without_dry_friction(spec: Any) -> None:
+    """Switch off dry friction in a description: near rest MuJoCo's is a stiff damper."""
+    spec.option.disableflags |= int(DISABLE.mjDSBL_FRICTIONLOSS)
 
 
 def without_limits_of_inputs(spec: Any) -> None:

@@ -26,7 +26,7 @@ from afl_mujoco.simulation.trajectory import (
     effort_names,
 )
 
-DWELLS = 0.1  # share of the time between disturbances that it must stay settled, if it is less
+DWELL_SHARE = 0.1  # share of the time between disturbances that it must stay settled, if it is less
 DWELL = 1.0  # how long a run must stay settled, up to its end, to count as settled [s]
 
 
@@ -200,7 +200,7 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
             if len(last):
                 rest = time[last[-1] + 1] if last[-1] + 1 < len(time) else end
         lasted = round(float(min(rest, end)) - begin, 9)  # a nanosecond is less than any step
-        shown = min(DWELL, DWELLS * (end - begin))  # a passage through the bands is no rest
+        shown = min(DWELL, DWELL_SHARE * (end - begin))  # a passage through the bands is no rest
         stays = end - rest >= (shown - 1e-9 if lasted <= limit else 1e-9)
         slowest, ever = max(slowest, lasted), ever and bool(stays)
     margin = (limit - slowest) / limit

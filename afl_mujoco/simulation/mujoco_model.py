@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -27,10 +27,11 @@ from afl_mujoco.plants.plant import Floats, Plant, require_seen_limits
 from afl_mujoco.plants.writer import PlantModel
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.parameters import CartPoleParameters
+from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.values import require_positive
 
 FRICTION_SOLREF, FRICTION_SOLIMP = (0.004, 1.0), (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""Constraint of dry friction: below break-away a joint creeps by 2e-7 s F / m."""
+"""Constraint of dry friction; the first impedance is that of a joint that does not slide."""
 
 STOP_SOLREF = (0.005, 1.0)
 """Constraint of the end stops [s, 1]: stiffer than MuJoCo's default, critically damped."""
@@ -303,20 +304,20 @@ class SimulatedModel:
                 m.jnt_limited[i], m.jnt_solref[i] = True, STOP_SOLREF
         self.writer.details = {name: getattr(r, name) for name in self.plant.details}
 
-    def fastest_rate(
-        self, duration: float, spans: Mapping[str, tuple[float, float]], *places: Sequence[float]
-    ) -> float:
+    def fastest_rate(self, scenario: Scenario, spans: Mapping[str, tuple[float, float]]) -> float:
         """Return the rate [1/s] of which no step may exceed the reciprocal, by dampers and springs.
 
-        Over a duration [s], within spans of parameters, where the model is at 0 and at other
-        places; 0 without any. Of MuJoCo's integrators only RK4 is explicit in the damping, and
-        takes (w h)^6 / 144 of the amplitude of what rings at w in each step.
+        Within spans of parameters, at 0 and where a scenario starts and should be; 0 without any.
+        Of MuJoCo's integrators only RK4 is explicit in the damping, and takes (w h)^6 / 144 of the
+        amplitude of what rings at w in each step.
         """
+        duration, target = scenario.duration, scenario.target
+        places = self.mj_model.qpos0.copy(), scenario.initial_state[: len(target)], target
         model, n = self.mj_model, self.mj_model.nv
         explicit, rates = model.opt.integrator == INTEGRATORS["RK4"], [0.0]
         mass, data = np.zeros((n, n)), mujoco.MjData(model)
         corners = itertools.product(*(dict.fromkeys(span) for span in spans.values()))
-        for values, q in itertools.product(corners, (model.qpos0.copy(), *places)):
+        for values, q in itertools.product(corners, places):
             self.write(np.array(values))
             damping = model.dof_damping * explicit
             stiffness = np.reshape(model.jnt_stiffness, (n, -1))[:, 0]

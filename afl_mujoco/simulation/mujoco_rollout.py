@@ -391,9 +391,7 @@ def simulate_mujoco(
         return simulate_sampled(scenario, controller, deployed, model=model)
     asked = ticks.timestep
     if mode == "continuous":  # by RK4, too
-        places = scenario.initial_state[: len(scenario.target)], scenario.target
-        rate = model.fastest_rate(scenario.duration, scenario.spans, *places)
-        ticks = fine_enough(ticks, rate)
+        ticks = fine_enough(ticks, model.fastest_rate(scenario, scenario.spans))
     times = time_grid(scenario, ticks.timestep)
     # raises before the run if a gain is not positive
     controller_inputs(scenario, controller, times)

@@ -356,8 +356,7 @@ def _fastest_rate(scenario: Scenario, space: SampleSpace | None, integrator: str
         hardware = hardware.changed({x: ends[x.startswith(DAMPING)] for x, ends in drawn.items()})
         spans = {name: space.bounds(name) for name in spans}
     model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=hardware)
-    start = scenario.initial_state[: len(scenario.target)]
-    return model.fastest_rate(scenario.duration, spans, start, scenario.target)
+    return model.fastest_rate(scenario, spans)
 
 
 def controller_policy(

@@ -509,7 +509,7 @@ class Request:
 
         fastest = np.maximum(1.0, np.maximum(np.abs(v).max(1), np.sqrt(np.abs(a).max(1))))
         gained = _slope(energy, 1e-3 / fastest)
-        rounded = 1e-4 * fastest * np.abs(energy(np.zeros((len(q), 1))))  # of a stiff spring
+        rounded = 1e-4 * fastest * np.abs(energy(np.zeros((len(q), 1))))  # over the step
         pushed = (b @ u[..., None])[..., 0]
         power = np.einsum("ki,ki->k", v, pushed - damping * v)
         forces = (np.abs(m) @ np.abs(a)[..., None])[..., 0] + np.abs(h) + np.abs(pushed)

@@ -81,9 +81,7 @@ class Timing(NamedTuple):
 def timing_of(scenario: Scenario, model: SimulatedModel, deployed: Deployed = DEFAULT) -> Timing:
     """Return the instants of a run, its step fine enough for the model's dampers and springs."""
     asked = ticks_of(scenario, deployed.timestep, deployed.control_period)
-    places = scenario.initial_state[: len(scenario.target)], scenario.target
-    rate = model.fastest_rate(scenario.duration, scenario.spans, *places)
-    step, hold = fine_enough(asked, rate)
+    step, hold = fine_enough(asked, model.fastest_rate(scenario, scenario.spans))
     return Timing(step, hold, asked.period, step_times(scenario.duration, step), asked.timestep)
 
 

@@ -15,12 +15,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.features import without_dry_friction
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
@@ -100,7 +100,7 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
     """Return the loop at rest, with passive physics and lags; `loop_margins` handles the rest."""
     plant, r = scenario.plant, linear_part(scenario.imperfections)
-    model = SimulatedModel(plant, imperfections=r, edit=_without_dry_friction)
+    model = SimulatedModel(plant, imperfections=r, edit=without_dry_friction)
     model.write(scenario.values_at(0.0))
     n = len(plant.coordinates)
     target = target_of(scenario)
@@ -136,13 +136,13 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     if not kink <= KINK:
         rule = f"must be smooth: slopes on either side may differ by {KINK:g} of the largest"
         raise InvalidValueError(thing, rule, f"{kink:.1e}")
-    later = functools.partial(command, time=0.5 * scenario.duration)
-    bands = np.array([scenario.band(name) for name in plant.coordinates])
-    beyond = np.abs(_sides(later, target, np.tile(bands, 2)) - later(target)[:, None]).max((0, 2))
-    if (flat := (beyond > 0.0) & ~k.any(axis=1)).any():
-        name = plant.inputs[int(np.argmax(flat))]
-        rule = f"must have a slope at the target at t = 0, where {name} does not answer to it"
-        raise InvalidValueError(thing, f"{rule} (a dead zone, a rounding, or a soft start?)")
+    if (flat := ~k.any(axis=1)).any():
+        later = functools.partial(command, time=0.5 * scenario.duration)
+        bands = np.tile([scenario.band(name) for name in plant.coordinates], 2)
+        beyond = np.abs(_sides(later, target, bands) - later(target)[:, None]).max((0, 2))
+        for name in np.array(plant.inputs)[flat & (beyond > 0.0)]:
+            rule = f"must have a slope at the target at t = 0, where {name} does not answer to it"
+            raise InvalidValueError(thing, f"{rule} (a dead zone, a rounding, or a soft start?)")
     lags = np.array([r.of_input("lag", name) for name in plant.inputs])
     late = np.eye(len(lags))[lags > 0.0]  # the inputs that follow what is commanded with a lag [s]
     rates = np.diag(1.0 / lags[lags > 0.0])
@@ -150,11 +150,6 @@ def linearize(controller: Controller, scenario: Scenario) -> Loop:
     b = np.vstack([b * (lags == 0.0), rates @ late])
     k = np.hstack([k, np.zeros((len(k), len(late)))])
     return Loop(a, b, k, tuple(plant.inputs), n, tuple(held.tolist()))
-
-
-def _without_dry_friction(spec: mujoco.MjSpec) -> None:
-    """Leave out what a linear loop cannot have: MuJoCo's friction is a stiff damper near rest."""
-    spec.option.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS)
 
 
 def target_of(scenario: Scenario) -> Array:

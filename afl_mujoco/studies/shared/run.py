@@ -12,6 +12,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import PlainSerializer, PlainValidator, TypeAdapter, ValidationError
 
+from afl_mujoco.control.catalogue import GainError
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import ControllerError
 from afl_mujoco.errors import InvalidValueError, require_count
@@ -204,7 +205,6 @@ def run_kept(
     keep: bool = True,
 ) -> list[tuple[Run, Trajectory | None]]:
     """Do the same, and keep the trajectories; a run whose controller fails has none."""
-    from afl_mujoco.control.catalogue import GainError  # not before MuJoCo may be imported
     from afl_mujoco.simulation.mujoco_model import SimulatedModel
     from afl_mujoco.simulation.sampled.runs import simulate_sampled
 
