@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
+from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.bound_controllers import plant_model
+from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
@@ -209,7 +212,7 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
     return Judgement(name, limit, None, None, graded=margin)
 
 
-TURNED = 0.2  # rad in a step, of which RK4 takes 4e-7 of the amplitude of what turns with it
+MOVED = 0.05  # share of a limit that half the physics step may move without a remark
 
 LONG_WAIT, LONG = 0.05, 0.1
 """Share of a run that nobody means as a delay or a control period, if it is so long [s]."""
@@ -234,6 +237,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *_stopped(scenario, run),
         *_limited(scenario, run),
         *_odd(scenario, run),
+        *_stepped(scenario, run, controller),
     ]
 
 
@@ -325,16 +329,6 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 "
             "is unstable or inaccurate with these dampers and springs"
         )
-    n, step = len(run.layout.coordinates), settings.get("timestep", 0.0)
-    for name, rate in zip(
-        run.layout.coordinates, np.abs(run.state[:, n:]).max(axis=0), strict=True
-    ):
-        turned = step * rate * (run.layout.units[name] == "rad")
-        if turned > TURNED and not run.simulator.endswith("exact"):
-            yield (
-                f"{symbol(name)} turns by up to {turned:.2g} rad in a physics step, of which "
-                "MuJoCo's integrators take energy: try a finer timestep"
-            )
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"
     if len(run.time) > 1 and not run.command.any():
@@ -342,6 +336,26 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         said = f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} 0 throughout"
         still = not np.ptp(run.state, axis=0).any()
         yield said + " and nothing moves: the run tests no controller" * still
+
+
+def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Iterator[str]:
+    """Remark on requirements that depend on the physics step: the same run at half of it."""
+    simulator, _, mode = run.simulator.partition(" ")
+    if simulator != "mujoco" or mode == "exact":
+        return
+    ran = run.provenance["settings"]
+    step = 0.5 * ran["timestep"]
+    how = {name: ran[name] for name in ("control_period", "integrator") if name in ran}
+    with suppress(AflMujocoError):  # more steps than there may be, or no force
+        finer = simulate_mujoco(scenario, controller, mode, timestep=step, **how)
+        for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
+            moved = abs((one.margin or 0.0) - (then.margin or 0.0))
+            if one.met != then.met or moved > MOVED:
+                margin = "not met" if then.margin is None else f"its margin is {then.margin:.2g}"
+                yield (
+                    f"{one.requirement} depends on the physics step: at {1e3 * step:.3g} ms "
+                    f"{margin}; try a finer timestep"
+                )
 
 
 def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.requirements import Requirements, asked_of
@@ -125,7 +126,7 @@ def test_why_a_run_ended_is_said_where_the_outcome_does_not_say_it(start, force,
 
     scenario = afl.Scenario(name="ends", initial_state=(0.0, start, 0.0, 0.0), duration=0.1)
     run = afl.simulate_mujoco(scenario, own, "sampled", control_period=0.02)
-    found = remarks_on(run, scenario, afl.CONTROLLERS["lqr"])
+    found = remarks_on(run, scenario, as_controller(own))
     assert len(found) == (expected is not None)
     assert not expected or found[0].startswith(expected)
 
