@@ -19,8 +19,8 @@ from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
 from afl_mujoco.scenario.scenario import Scenario
-from afl_mujoco.simulation.bound_controllers import plant_model
-from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+from afl_mujoco.scenario.time_steps import Deployed
+from afl_mujoco.simulation.bound_controllers import bound, plant_model
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     DIVERGED,
@@ -343,11 +343,18 @@ def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Ite
     simulator, _, mode = run.simulator.partition(" ")
     if simulator != "mujoco" or mode == "exact":
         return
-    ran = run.provenance["settings"]
+    from afl_mujoco.simulation.sampled.runs import simulate_sampled
+
+    ran, own = run.provenance["settings"], bound(controller, scenario)
     step = 0.5 * ran["timestep"]
-    how = {name: ran[name] for name in ("control_period", "integrator") if name in ran}
     with suppress(AflMujocoError):  # more steps than there may be, or no force
-        finer = simulate_mujoco(scenario, controller, mode, timestep=step, **how)
+        if mode == "sampled":
+            how = Deployed(ran["integrator"], step, ran["control_period"])
+            finer = simulate_sampled(scenario, own, how)
+        else:
+            from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
+
+            finer = simulate_mujoco(scenario, own, mode, timestep=step)
         for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
             moved = abs((one.margin or 0.0) - (then.margin or 0.0))
             if one.met != then.met or moved > MOVED:

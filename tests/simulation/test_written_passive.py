@@ -150,7 +150,7 @@ def test_a_jump_that_keeps_momenta_is_not_said_to_keep_velocities() -> None:
     parameters = {"m": afl.Parameter(1.0, low=0.1, high=9.0, rate="frozen", jump="momenta")}
     plant = replace(cart(), parameters=parameters, write=lambda p: {"body cart mass": p.m})
     scenario = gliding(plant, schedule={"m": afl.staircase((0.5,), (1.0, 2.0))})
-    said = remarks_on(afl.simulate_mujoco(scenario, idle), scenario, afl.CONTROLLERS["lqr"])
+    said = remarks_on(afl.simulate_mujoco(scenario, idle), scenario, as_controller(idle))
     assert not any("velocities stay" in one for one in said)
 
 
