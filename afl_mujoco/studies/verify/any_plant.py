@@ -36,7 +36,7 @@ EVERY = 0.25  # how long the ODE runs before it starts again from MuJoCo's state
 FREE = 1.0  # length of a free motion [s]
 STIR = 3.0  # largest rate by which a free motion starts off the scenario's start [rad/s, m/s]
 PARTS = 10  # parts of a free motion: each starts where it should, so that none amplifies an error
-HALVINGS = 12  # its steps are that many: a part, halved again and again
+HALVINGS = 12  # most steps of it: a part, halved until no error is left
 SHOWN = (1e-12, 1e-3)  # errors between which an order can be seen: above round-off, and small
 FINE = (2.5e-4, 1.25e-4)  # control periods between which the order of the hold is observed [s]
 FINER = (1, 4, 16)  # of a loop that is fast, the order is seen at shorter ones alone
@@ -105,7 +105,9 @@ def free_motion(scenario: Scenario) -> tuple[Study, float]:
             mujoco.mj_step(m, d, count)
             gaps.append((np.concatenate([d.qpos, d.qvel]) - after) / (1.0 + np.abs(after)))
         error = float(np.sqrt(np.mean(np.square(gaps))))
-        if SHOWN[0] < error < SHOWN[1]:
+        if error < SHOWN[0]:
+            break
+        if error < SHOWN[1]:
             steps.append(m.opt.timestep)
             errors.append(error)
     scale = max(1.0, float(np.ptp(energies[:, 1])), float(energies[:, 0].max()))
