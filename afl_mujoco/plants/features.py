@@ -13,6 +13,15 @@ from afl_mujoco.plants.library import mujoco
 
 DISABLE, TRANSMISSION = mujoco.mjtDisableBit, mujoco.mjtTrn
 
+SWITCHES = {
+    "constraint": 'contacts alone are off by contact="disable"',
+    "limit": "give no range to what should have none",
+    "frictionloss": "give no frictionloss to what should have none",
+    "damper": "give no damping to what should have none",
+    "clampctrl": "give no ctrlrange to what should have none",
+}
+"""Flags of MJCF that switch off what imperfections and limits of inputs set, and what to do."""
+
 LEFT_OUT = "left out"  # in place of a remedy: the comparison does without it, and says so
 
 ALTERED = {
@@ -38,6 +47,8 @@ def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
         ("mocap body", m.nmocap, 'set mocap="false"'),
         ("plugin", m.nplugin, "remove <extension>"),
         ("activation state of an actuator", m.na, 'set dyntype="none"'),
+        ("sleep", m.opt.enableflags & mujoco.mjtEnableBit.mjENBL_SLEEP,
+         'remove <flag sleep="enable"/>'),
         ("switched off group of actuators", m.opt.disableactuator,
          "remove <option actuatorgroupdisable>"),
         ("fluid", m.opt.density, 'set <option density="0"/>'),
@@ -53,7 +64,7 @@ def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
         *((f"{name} of actuator", getattr(m, f"actuator_{name}", 0), own.format(name))
           for name in ("armature", "damping", "delay")),
         ("dry friction (frictionloss)", m.dof_frictionloss, LEFT_OUT),
-        ("joint limits (range)", m.jnt_limited * (not off & DISABLE.mjDSBL_LIMIT), LEFT_OUT),
+        ("joint limits (range)", m.jnt_limited, LEFT_OUT),
         ("limits of inputs (ctrlrange, forcerange)",
          m.actuator_ctrllimited | m.actuator_forcelimited, LEFT_OUT),
         ("limits of the actuators' force on joints (actuatorfrcrange)", m.jnt_actfrclimited,
@@ -70,6 +81,10 @@ def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
 
 def require_describable(m: Any) -> list[str]:
     """Return what the comparison leaves out, or raise on what equations cannot describe."""
+    for name, remedy in SWITCHES.items():
+        if m.opt.disableflags & getattr(DISABLE, f"mjDSBL_{name.upper()}"):
+            rule = f"must be left out, since it switches off what imperfections set: {remedy}"
+            raise InvalidValueError(f"<flag {name}>", rule, '"disable"')
     notes = []
     for what, where, remedy in itertools.chain(_features(m), _touching(m)):
         if not np.any(where):
@@ -86,7 +101,7 @@ def require_describable(m: Any) -> list[str]:
 
 def _touching(m: Any) -> Iterator[tuple[str, Any, str]]:
     """Yield pairs of bodies with geoms that MuJoCo lets collide."""
-    if m.opt.disableflags & (DISABLE.mjDSBL_CONTACT | DISABLE.mjDSBL_CONSTRAINT):
+    if m.opt.disableflags & DISABLE.mjDSBL_CONTACT:
         return
     pairs = [*zip(m.geom_bodyid[m.pair_geom1], m.geom_bodyid[m.pair_geom2], strict=True)]
     excluded = {frozenset((int(x) >> 16, int(x) & 0xFFFF)) for x in m.exclude_signature}

@@ -356,9 +356,14 @@ class PlantModel:
             setattr(holder, field, new if new.ndim else float(value))
 
     def _require_kept(self) -> None:
-        """Raise if the compiler makes other numbers of what is written."""
-        for target, value, (field, i, k) in zip(self.targets, self.last, self._places, strict=True):
-            kept = float(_table(field, self._held(field))[i, k])
+        """Raise if the compiler makes other numbers of what is written, at 0 of places too."""
+        row = np.array([
+            0.1 if one.field == "pos" and value == 0.0 else value
+            for one, value in zip(self.targets, self.last, strict=True)
+        ])  # fmt: skip
+        moved = self.mj_model if np.array_equal(row, self.last) else self.compile(row)
+        for target, value, (field, i, k) in zip(self.targets, row, self._places, strict=True):
+            kept = float(_table(field, self._held(field, moved))[i, k])
             if kept != value:
                 why = ": fromto, a mesh or a <frame>?" if target.kind == "geom" else ": a <frame>?"
                 rule = "must be in the model as it is written, but the compiler makes it"
@@ -375,8 +380,9 @@ class PlantModel:
                 rule = "must change something that write returns, but nothing does"
                 raise InvalidValueError(f"parameter {name!r}", rule)
 
-    def _held(self, field: str) -> Any:
-        return self.mj_model.opt.gravity if field == "gravity" else getattr(self.mj_model, field)
+    def _held(self, field: str, model: Any = None) -> Any:
+        holder = self.mj_model if model is None else model
+        return holder.opt.gravity if field == "gravity" else getattr(holder, field)
 
     @property
     def addresses(self) -> NDArray[np.int64]:
@@ -444,7 +450,7 @@ class PlantModel:
         off = self.mj_model.opt.disableflags
         for flag, name in (
             (DISABLE.mjDSBL_GRAVITY, "gravity"), (DISABLE.mjDSBL_SPRING, "jnt_stiffness"),
-            (DISABLE.mjDSBL_DAMPER, "dof_damping"), (DISABLE.mjDSBL_ACTUATION, "motor_gain"),
+            (DISABLE.mjDSBL_ACTUATION, "motor_gain"),
         ):  # fmt: skip
             if off & flag:
                 found[name][:] = 0.0

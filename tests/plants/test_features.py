@@ -48,6 +48,15 @@ REFUSED = {
     "write: body tip pos 2 must be in the model as it is written": (
         ('<body name="tip"', '<frame pos="0 0 .1"><body name="tip"'),
         ("</body></body></worldbody>", "</body></frame></body></worldbody>")),
+    "write: body tip pos 0 must be in the model .* makes it 0.099": (
+        ('<body name="tip"', '<frame euler="0 0 .1"><body name="tip"'),
+        ("</body></body></worldbody>", "</body></frame></body></worldbody>"),
+        ("    return {", '    return {"body tip pos 0": 0.0 * p.length, ')),
+    "sleep cannot .*sleep=": (
+        ("<worldbody>", '<option><flag sleep="enable"/></option><worldbody>'),),
+    **{f"<flag {name}> must be left out": (
+        ("<worldbody>", f'<option><flag {name}="disable"/></option><worldbody>'),)
+       for name in ("constraint", "limit", "frictionloss", "damper", "clampctrl")},
 }  # fmt: skip
 
 
