@@ -179,7 +179,8 @@ def constant_plant(mass: float, length: float, **changes: Any) -> Scenario:
 
 def pulse(seeds: int) -> None:
     print(
-        "\n(T3) pulse of -10 N at 10 s: rms of ln M / ln l before, during, after, in the last 5 s"
+        "\n(T3) pulse of -10 N at 10 s: rms of ln M / ln l in 9-10, 10-10.1, 10.1-10.3, 10.3-11, "
+        "15-20 s"
     )
     spans = ((9.0, 10.0), (10.0, 10.1), (10.1, 10.3), (10.3, 11.0), (15.0, 20.0))
     for label, rig in (("no noise", IDEAL), ("usual", USUAL)):

@@ -226,7 +226,8 @@ class Plant:
     upright
         The coordinates about which linear controllers are designed.
     wraps
-        Coordinates that are measured modulo 2 pi.
+        Coordinates whose targets, limits and bands are met modulo 2 pi; a controller gets the
+        angle with all its turns.
     signals
         Further names for requirements: functions of (q, v, p).
     start
@@ -458,6 +459,9 @@ def _stamp(model: str | Path) -> str:
     return read.hexdigest()
 
 
+ACTUATORS = ("general", "motor", "position", "velocity", "intvelocity", "damper", "cylinder")
+
+
 class _Mjcf:
     """The attributes of the joints and of the actuators of an MJCF by name, defaults included.
 
@@ -484,29 +488,37 @@ class _Mjcf:
         for one in root.findall("worldbody"):
             self._visit(one, "main")
         for one in root.findall("actuator/*"):
-            general = self._whole(one, "main", "general")
-            self.motors[one.get("name", "")] = {**general, **self._whole(one, "main", one.tag)}
+            self.motors[one.get("name", "")] = self._whole(one, "main")
 
     def _learn(self, element: ElementTree.Element, above: str) -> None:
         name = element.get("class", "main")
-        inherited = {tag for at, tag in self._defaults if at == above}
-        for tag in {one.tag for one in element} | inherited:
-            own = element.find(tag)
-            given = {} if own is None else own.attrib
-            self._defaults[name, tag] = {**self._defaults.get((above, tag), {}), **given}
+        for (at, tag), given in [*self._defaults.items()]:
+            if at == above:
+                self._defaults[name, tag] = given
+        for one in element:
+            if one.tag != "default":
+                self._defaults[name, _kind(one)] = self._whole(one, name)
         for one in element.findall("default"):
             self._learn(one, name)
 
-    def _whole(self, element: ElementTree.Element, inherited: str, tag: str) -> dict[str, str]:
+    def _whole(self, element: ElementTree.Element, inherited: str) -> dict[str, str]:
         at = element.get("class", inherited)
-        return {**self._defaults.get((at, tag), {}), **element.attrib}
+        given = {**self._defaults.get((at, _kind(element)), {}), **element.attrib}
+        if element.tag == "motor":  # whatever the defaults say
+            given.pop("gainprm", None)
+        return given
 
     def _visit(self, element: ElementTree.Element, inherited: str) -> None:
         inherited = element.get("childclass", inherited)
         for joint in element.findall("joint"):
-            self.joints[joint.get("name", "")] = self._whole(joint, inherited, "joint")
+            self.joints[joint.get("name", "")] = self._whole(joint, inherited)
         for inner in (*element.findall("body"), *element.findall("frame")):
             self._visit(inner, inherited)
+
+
+def _kind(element: ElementTree.Element) -> str:
+    """Return what an element makes: all kinds of actuators share their defaults."""
+    return "actuator" if element.tag in ACTUATORS else element.tag
 
 
 def _numbers(text: str) -> list[float]:

@@ -128,7 +128,7 @@ class Search(Difference):
         again = ["the mass with"] * (len(found) > ALIKE)  # one of the two explains it, and both
         again += ["the term gravity is"] * any(said.startswith("gravity ") for said in found)
         found = [said for said in found if not said.startswith(tuple(again))]
-        hint = " (parameters that vary would tell)" * (len(found) > 1 and not (turned and varies))
+        hint = " (parameters that vary would tell)" * (len(found) > 1 and not varies)
         return ", or ".join(found[:ALIKE]) + hint
 
     def bodily(self) -> Iterator[Said]:

@@ -38,6 +38,7 @@ BOTH = np.array([-1.0, 1.0])
 
 NARROW = 0.2  # range of a hinge that is hardly meant in radians
 INPUT = 10.0  # largest input that is drawn of one without a ctrlrange
+SINGLE = 1e-6  # relative difference by which single precision may explain it
 FEW = 200  # points at which what takes finite differences is looked at
 HUGE = 1e300  # in place of what is not finite, which JSON has not
 
@@ -420,6 +421,8 @@ class Request:
 
     def suspect(self, gap: Floats) -> str:
         """Return the usual mistake that explains the difference, tried where it is large or not."""
+        if self.model.mj_model.nmesh and gap.max() < SINGLE:
+            return "MuJoCo keeps meshes in single precision: give their bodies an <inertial>"
         most = np.argsort(-gap.reshape(len(gap), -1).max(axis=1))[: SEARCHED // 2]
         few = np.unique([*most, *np.linspace(0, len(gap) - 1, SEARCHED // 2).astype(int)])
         assert self.equations is not None

@@ -6,7 +6,9 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import ESTIMATED as SUFFIX
@@ -23,6 +25,9 @@ from afl_mujoco.studies.shared.contract import Progress, ScenarioNames, Study, c
 from afl_mujoco.studies.shared.run import Rows, numbered, run_all, run_kept, run_of
 from afl_mujoco.values import require_distinct
 
+if TYPE_CHECKING:
+    from afl_mujoco.simulation.sampled.runs import EstimatedRun
+
 CASES = ("step-step", "step-trapezoid", "trapezoid-step", "trapezoid-trapezoid")
 """The paper's four schedules."""
 
@@ -33,6 +38,8 @@ SEEDS, QUICK_SEEDS, MOST_SEEDS = 8, 2, 1000
 
 TRUE, NOMINAL, ESTIMATED = "true", "nominal", "estimated"
 """Kinds of M and l that a controller assumes."""
+
+OFF = 0.2  # by which share an estimate is wrong when it counts as off
 
 UNTIL, EVERY = 12.0, 4
 """End of the curves that are kept [s], after which nothing happens; every so many instants."""
@@ -103,6 +110,13 @@ class Loop:
     parameters: str  # that the controller assumes: `TRUE`, `NOMINAL` or `ESTIMATED`
     noise: bool  # of the sensors
     runs: Rows
+    # share of each run for which M and l are off by more than `OFF`; of estimates with noise alone
+    off: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def median_off(self) -> list[float | None]:
+        """The medians of these shares, of M and of l."""
+        return [statistics.median(x) for x in zip(*self.off, strict=True)] or [None, None]
 
     @property
     def completed(self) -> int:
@@ -176,10 +190,14 @@ def run_case(unit: Request) -> Case:
     }
     if (nominal := CONTROLLERS.get(f"{controller.name}-nominal")) is not None:
         runs[NOMINAL, False] = run_all(nominal, [scenario], deployed)
+    shares = {(ESTIMATED, True): tuple(_off(scenario, one) for one in followed)}
     loops = [
-        Loop(parameters=parameters, noise=noise, runs=tuple(numbered(some)))
+        Loop(
+            parameters=parameters, noise=noise, runs=tuple(numbered(some)),
+            off=shares.get((parameters, noise), ()),
+        )
         for (parameters, noise), some in runs.items()
-    ]
+    ]  # fmt: skip
     found, first = followed[0], followed[0].run
     oracle = oracle or first
     part, mine, its = (
@@ -195,6 +213,13 @@ def run_case(unit: Request) -> Case:
     }  # fmt: skip
     curves = {label: {TRUE: a, ESTIMATED: b} for label, (a, b) in pairs.items()}
     return Case(scenario=scenario.name, loops=tuple(loops), curves=curves)
+
+
+def _off(scenario: Scenario, one: EstimatedRun) -> tuple[float, float]:
+    """Return for which share of a run M and l are off by more than `OFF`."""
+    pairs = (one.cart_mass, scenario.cart_mass), (one.half_length, scenario.half_length)
+    mass, length = (np.mean(np.abs(x / of(one.time) - 1.0) > OFF) for x, of in pairs)
+    return float(mass), float(length)
 
 
 # --- what is shown ------------------------------------------------------------------------------
@@ -214,6 +239,8 @@ def report(result: Result) -> Report:
     if known := [cost for cost in costs if cost is not None]:
         most = f"at most {short(max(known), 3)} times that with the true M and l"
         headline += f" · ∫|φ| dt {most}" + ", where it completes" * (len(known) < len(costs))
+    shares = [x for loop in noisy for pair in loop.off for x in pair]
+    headline += f" · M or l over {100 * OFF:.0f} % off for up to {100 * max(shares):.0f} % of a run"
     case = cases[0]
     figure = Figure(
         name="estimation",
@@ -228,9 +255,11 @@ def report(result: Result) -> Report:
 
 def _loops(result: Result) -> Matrix:
     return Matrix(
-        caption="Cost of the loop by the M and l that are assumed: medians",
+        caption="Cost of the loop by the M and l that are assumed: medians; off is a share of the "
+        f"run, by more than {100 * OFF:.0f} %",
         columns=[
             "Scenario", "M and l", "Completed", "∫|z| dt [m s]", "∫|φ| dt [rad s]", "Force [N]",
+            "M off [%]", "l off [%]",
         ],
         rows=[
             [
@@ -239,6 +268,7 @@ def _loops(result: Result) -> Matrix:
                      "bad" if loop.completed < len(loop.runs) else ""),
                 fixed(loop.median("iae_z"), 2), fixed(loop.median("iae_phi"), 3),
                 fixed(loop.median("max_force"), 1),
+                *(fixed(None if x is None else 100.0 * x, 0) for x in loop.median_off),
             ]
             for case in result.cases
             for loop in case.loops
@@ -255,5 +285,5 @@ def _draw(made: Curves) -> Any:
 
 
 STUDY = Study(
-    module=__name__, name="estimation", title="M and l estimated online", order=50, schema=6
+    module=__name__, name="estimation", title="M and l estimated online", order=50, schema=7
 )

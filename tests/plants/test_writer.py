@@ -43,11 +43,16 @@ def test_in_place_equals_afresh_and_rows_from_arrays_are_those_made_one_by_one(n
 @pytest.mark.parametrize("change", [
     (MOTOR, LIMITED), (MOTOR, LIMITED.replace("/>", ' ctrllimited="false"/>')),
     (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
+    (MOTOR, '<general class="weak" name="torque" joint="arm" forcerange="-4 4"/>'),
     (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'), (JOINT, f"<frame>{SLIDE}</frame>"),
 ])  # fmt: skip
 def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> None:
-    weak = '<default class="weak"><joint type="slide"/><motor ctrlrange="-1 1"/></default>'
-    plant = small(tmp_path, change, ("<worldbody>", f"<default>{weak}</default><worldbody>"))
+    weak = '<joint type="slide"/><general gainprm="9"/><motor ctrlrange="-1 1"/>'
+    plant = small(
+        tmp_path,
+        change,
+        ("<worldbody>", f'<default><default class="weak">{weak}</default></default><worldbody>'),
+    )
     model = PlantModel(plant).mj_model
     ends = model.actuator_ctrlrange if model.actuator_ctrllimited[0] else [[-np.inf, np.inf]]
     np.testing.assert_array_equal(plant.limits, ends)
