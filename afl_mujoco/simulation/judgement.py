@@ -212,6 +212,8 @@ def _rest(name: str, limit: float, run: Trajectory, outside: Any, windows: Any) 
     return Judgement(name, limit, None, None, graded=margin)
 
 
+FIRM = 0.99  # least impedance of a constraint of dry friction that holds
+
 MOVED = 0.05  # share of a limit that half the physics step may move without a remark
 
 LONG_WAIT, LONG = 0.05, 0.1
@@ -236,6 +238,7 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         *_ended(scenario, run),
         *_stopped(scenario, run),
         *_limited(scenario, run),
+        *_creeping(scenario),
         *_odd(scenario, run),
         *_stepped(scenario, run, controller),
     ]
@@ -314,6 +317,18 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
             f"{drive} is at its limit for {_digits(100.0 * share, 2)} % of the run: the controller "
             f"{asked}"
         )
+
+
+def _creeping(scenario: Scenario) -> Iterator[str]:
+    """Remark on dry friction of the MJCF, which holds nothing by MuJoCo's defaults."""
+    m = plant_model(scenario.plant, threading.get_ident()).mj_model
+    soft = (m.dof_frictionloss > 0.0) & (m.dof_solimp[:, 0] < FIRM)
+    for name, creeps in zip(scenario.plant.coordinates, soft, strict=True):
+        if creeps and not scenario.imperfections.at(f"dry_friction.{name}"):
+            yield (
+                f"{symbol(name)} creeps under the frictionloss of the MJCF, by its solimpfriction, "
+                f"where dry friction would hold it: as dry_friction.{name} it does"
+            )
 
 
 def _digits(x: float, count: int) -> str:

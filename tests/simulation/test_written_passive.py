@@ -90,6 +90,15 @@ def test_a_stuck_joint_and_a_passage_through_the_bands_are_no_rest(friction, sta
     assert row.failure == "settling_time"
 
 
+def test_friction_of_the_mjcf_that_creeps_is_remarked_on() -> None:
+    lost, firm = ' frictionloss="2"', ' frictionloss="2" solimpfriction=".9999 .9999"'
+    held = {"imperfections": afl.Imperfections(dry_friction={"x": 1.0})}
+    for joint, more, said in ((lost, {}, True), (firm, {}, False), (lost, held, False)):
+        rubs = gliding(cart(joint=joint), **more)
+        told = remarks_on(afl.simulate_mujoco(rubs, idle), rubs, as_controller(idle))
+        assert any(one.startswith("x creeps under the frictionloss") for one in told) == said
+
+
 def test_a_requirement_that_depends_on_the_physics_step_is_remarked_on() -> None:
     """Euler goes h / 2 further; at 1000 rad/s RK4 damps what a controller alone lets ring."""
     rest = {"bands": {"x": 1e-4}, "settling_time": 0.5}
