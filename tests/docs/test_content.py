@@ -1,5 +1,6 @@
 """The pages hold what the code declares and what the results say, and nothing of it is typed."""
 
+import json
 import re
 import sys
 import tomllib
@@ -8,6 +9,7 @@ from dataclasses import fields
 import jinja2
 import pytest
 
+from afl_mujoco.identification.prediction import ESTIMATES
 from afl_mujoco.scenario.imperfections import Imperfections
 from afl_mujoco.studies.shared.contract import studies
 from docs import make_results
@@ -83,3 +85,14 @@ def test_every_imperfection_result_and_fault_has_a_row_and_a_cell_may_hold_a_bar
     assert "not run" not in rows, "run: make faults"
     assert [f.name for f in load_faults() if f"| {f.name} |" not in rows.replace("\\|", "|")] == []
     assert cells_as_table(("a",), [("|x|",)]) == "| a |\n| --- |\n| \\|x\\| |\n"
+
+
+def test_the_estimates_that_ship_are_those_of_the_page_on_identification() -> None:
+    shipped = json.loads(ESTIMATES.read_text(encoding="utf-8"))
+    made = json.loads((DOCS / "results" / "identify.json").read_text(encoding="utf-8"))
+    for part in ("pole", "drive"):
+        one, other = (
+            {x["name"]: (x["low"], x["value"], x["high"]) for x in of[part]["estimates"]}
+            for of in (shipped, made["identified"])
+        )
+        assert one == other, "copy renders/identify/estimates.json to identification/data/cartpole"
