@@ -162,6 +162,15 @@ def reading(path: object, wrong: str, then: str = "") -> Iterator[None]:
         raise FileError(str(path), ": ".join(filter(None, (wrong, said, then)))) from None
 
 
+@contextmanager
+def writing(place: object) -> Iterator[None]:
+    """Turn the operating system's refusal of a file in the block into a `FileError`."""
+    try:
+        yield
+    except OSError as error:
+        raise FileError.cannot_be("written", place, error) from None
+
+
 class MissingPackageError(AflMujocoError, ImportError):
     """A package that is not installed, and how to install it."""
 

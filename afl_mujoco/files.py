@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from afl_mujoco.errors import NO_NUL, FileError, reading
+from afl_mujoco.errors import NO_NUL, FileError, reading, writing
 
 if TYPE_CHECKING:
     from pydantic import TypeAdapter
@@ -34,10 +34,8 @@ _NUMBERS = re.compile(r"\[\s+([^][{}\"]*?)\s+\]")
 @contextmanager
 def hidden_folder(folder: Path, kind: str) -> Iterator[Path]:
     """Yield a hidden folder inside a folder, for files that move when they are complete."""
-    try:
+    with writing(f"output folder {folder}"):
         hidden = tempfile.mkdtemp(dir=folder, prefix=f".{kind}-")
-    except OSError as error:
-        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     try:
         yield Path(hidden)
     finally:
@@ -66,20 +64,17 @@ def atomic_file(path: Path) -> Iterator[Path]:
         raise FileError(str(path), NO_NUL)
     if os.path.isdir(path):  # False, and no error, where it cannot be looked at
         raise FileError(str(path), "must be a file to write, not a folder")
-    try:
+    with writing(path):
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".afl_mujoco-", suffix=path.suffix)
-    except OSError as error:
-        raise FileError.cannot_be("written", path, error) from None
     os.close(handle)
     temporary = Path(name)
     try:
-        yield temporary
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
-        temporary.replace(path)
-    except OSError as error:
-        raise FileError.cannot_be("written", path, error) from None
+        with writing(path):
+            yield temporary
+            umask = os.umask(0)
+            os.umask(umask)
+            temporary.chmod(0o666 & ~umask)
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -92,10 +87,8 @@ def write_text(path: Path, text: str) -> None:
 
 def remove_file(path: Path) -> None:
     """Remove a file if it is there."""
-    try:
+    with writing(path):
         path.unlink(missing_ok=True)
-    except OSError as error:
-        raise FileError.cannot_be("written", path, error) from None
 
 
 def require_no_folder(folder: Path, names: Iterable[str]) -> None:
@@ -113,10 +106,8 @@ def output_folder(path: str | Path) -> Path:
     folder = Path(path)
     if "\0" in str(path):
         raise FileError(f"output folder {folder}", NO_NUL)
-    try:
+    with writing(f"output folder {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError.cannot_be("written", f"output folder {folder}", error) from None
     if not os.access(folder, os.W_OK | os.X_OK):
         raise FileError(f"output folder {folder}", "cannot be written: permission denied")
     return folder

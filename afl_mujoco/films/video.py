@@ -14,7 +14,7 @@ import mediapy
 
 from afl_mujoco.control.catalogue import digests
 from afl_mujoco.control.controller import Controller
-from afl_mujoco.errors import FileError, GraphicsError, InvalidValueError
+from afl_mujoco.errors import FileError, GraphicsError, InvalidValueError, writing
 from afl_mujoco.files import atomic_file, hidden_folder
 from afl_mujoco.films.listing import MARK, REMOVE, Entry, list_film, load_listing
 from afl_mujoco.films.picture import Picture, frames
@@ -132,10 +132,8 @@ def make_films(
             for done, (index, _) in enumerate(executor(_make, units), start=1):
                 entry = planned[index].entry
                 for name in (entry.poster, entry.file):
-                    try:
+                    with writing(folder / name):
                         (hidden / name).replace(folder / name)
-                    except OSError as error:
-                        raise FileError.cannot_be("written", folder / name, error) from None
                 list_film(folder, entry)
                 progress(done)
         except FileError as error:

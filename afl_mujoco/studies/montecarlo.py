@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.names import chosen, find_controllers, subject_of
-from afl_mujoco.errors import FileError, require_count
+from afl_mujoco.errors import FileError, require_count, writing
 from afl_mujoco.files import hidden_folder
 from afl_mujoco.pool import open_executor
 from afl_mujoco.report.blocks import MISSING, Block, Cell, Figure, Matrix, Report, fixed, percent
@@ -375,16 +375,15 @@ def write_files(result: Result, folder: Path) -> list[Path]:
     }
     with hidden_folder(folder, FOLDER) as staging:
         try:
-            for name in replays:
-                (staging / FOLDER / name).mkdir(parents=True)
-            for file, scenario in scenarios.items():
-                place, replay = (folder / file).parent, replays[Path(file).parent.name]
-                save_scenario(scenario, staging / file, replay=replay, moves_to=place)
-            if (folder / FOLDER).exists():
-                (folder / FOLDER).rename(staging / "before")
-            (staging / FOLDER).rename(folder / FOLDER)
-        except OSError as error:
-            raise FileError.cannot_be("written", folder / FOLDER, error) from None
+            with writing(folder / FOLDER):
+                for name in replays:
+                    (staging / FOLDER / name).mkdir(parents=True)
+                for file, scenario in scenarios.items():
+                    place, replay = (folder / file).parent, replays[Path(file).parent.name]
+                    save_scenario(scenario, staging / file, replay=replay, moves_to=place)
+                if (folder / FOLDER).exists():
+                    (folder / FOLDER).rename(staging / "before")
+                (staging / FOLDER).rename(folder / FOLDER)
         finally:
             before = staging / "before"
             if not (folder / FOLDER).exists() and before.exists():  # a Ctrl-C in between
