@@ -26,7 +26,7 @@ def time_grid(scenario: Scenario, period: float) -> Floats:
     if period > scenario.duration:
         raise InvalidValueError("timestep", f"must be within {scenario.duration} s", period)
     special = np.array([*scenario.breakpoints, scenario.duration])
-    _require_few("duration", scenario.duration, "timestep", period)
+    _require_few(scenario.duration, period)
     regular = period * np.arange(int(np.ceil(scenario.duration / period)) + 1)
     after = np.minimum(np.searchsorted(special, regular), len(special) - 1)
     before = np.maximum(after - 1, 0)
@@ -81,10 +81,10 @@ def _place(times: Floats, time: float) -> float:
     return min(float(nearest) if abs(place - nearest) <= SNAP else place, float(count))
 
 
-def _require_few(thing: str, length: float, unit: str, step: float) -> None:
-    if length / step > MOST_STEPS:
-        rule = f"must be at least {length / MOST_STEPS:g} s for a {thing} of {length:g} s"
-        raise InvalidValueError(unit, f"{rule}: more steps would fill the memory", step)
+def _require_few(duration: float, step: float) -> None:
+    if duration / step > MOST_STEPS:
+        rule = f"must be at least {duration / MOST_STEPS:g} s for a duration of {duration:g} s"
+        raise InvalidValueError("timestep", f"{rule}: more steps would fill the memory", step)
 
 
 def instants(times: Floats) -> Floats:
@@ -147,7 +147,7 @@ def ticks_of(
         rule = f"must be within the duration {scenario.duration:g} s"
         raise InvalidValueError("timestep", rule, timestep)
     ticks = cut_period(period, timestep)
-    step_times(scenario.duration, ticks.timestep)  # raises if there are too many
+    _require_few(scenario.duration, ticks.timestep)
     return ticks
 
 
@@ -189,7 +189,7 @@ DEFAULT = Deployed()
 
 def step_times(duration: float, timestep: float) -> Floats:
     """Return the ends [s] of equal steps, the last one shortened to the horizon, shape (N + 1,)."""
-    _require_few("duration", duration, "timestep", timestep)
+    _require_few(duration, timestep)
     count = max(math.ceil(duration / timestep - SNAP), 1)
     times: Floats = np.arange(count + 1, dtype=np.float64) * timestep
     if abs(times[-1] - duration) > SNAP * timestep:
