@@ -144,27 +144,25 @@ class Requirements(Checked):
 
     def of_plant(self, plant: Plant) -> Requirements:
         """Return the same in the order of a plant's names, bands as by default left out."""
+        places = tuple(plant.coordinates)
         known = {
-            "target": (*plant.coordinates, *plant.signals),
+            "target": (*places, *plant.signals),
             **{
                 way: [key.removeprefix(f"{way}.") for key in asked_of(plant) if key.startswith(way)]
                 for way in ("max", "min")
             },
-            "bands": tuple(plant.coordinates),
+            "bands": places,
+            "ends_at": places,
         }
         found: dict[str, Any] = {}
         for thing, names in known.items():
-            with within(f"requirements.{thing} "):
-                found[thing] = getattr(self, thing).ordered(names)
-        if self.ends_at is not None:
-            with within("requirements.ends_at "):
-                found["ends_at"] = self.ends_at.ordered(tuple(plant.coordinates))
-        for thing, name in itertools.product(("max", "bands", "ends_at"), plant.coordinates):
-            value, turn = (
-                found.get(thing, {}).get(name),
-                math.pi if name in plant.wraps else math.inf,
-            )
-            end = found.get("ends_at", plant.ends_at).get(name, math.inf)
+            if (given := getattr(self, thing)) is not None:
+                with within(f"requirements.{thing} "):
+                    found[thing] = given.ordered(names)
+        turns, ends = dict.fromkeys(plant.wraps, math.pi), found.get("ends_at", plant.ends_at)
+        for thing, name in itertools.product(("max", "bands", "ends_at"), places):
+            value = found.get(thing, {}).get(name)
+            end, turn = ends.get(name, math.inf), turns.get(name, math.inf)
             if value is not None and plant.units[name] == "rad" and not value <= min(end, turn):
                 why = "where a run ends" if end <= turn else "as it is measured modulo a turn"
                 hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
@@ -172,7 +170,7 @@ class Requirements(Checked):
                 raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
         about = self.targets(plant)
         for name, least in found["min"].items():
-            turn = math.pi if name in plant.wraps else math.inf
+            turn = turns.get(name, math.inf)
             low = about.get(name, 0.0) - turn
             most = about.get(name, 0.0) + found["max"].get(name, turn)
             if not low < least <= most:
