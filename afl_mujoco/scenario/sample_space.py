@@ -35,6 +35,7 @@ SHAPES = tuple(PARTS)
 """Shapes of the schedules, each a third of the shape's coordinate: one level; two jumps between
 three levels; a trapezoid between two levels."""
 
+CONSTANT = 0.5 / len(SHAPES)  # the middle of the first
 INSTANT = 1e-3  # instants of change are multiples of this [s]
 LEVELS, INSTANTS = 3, 4  # the most that a shape has
 _POINT, _NOISE, _SEARCH, _DRAW = range(4)  # what a seed is used for
@@ -115,10 +116,9 @@ class SampleSpace:
             for name in self.varied
             if name not in changing
         }
-        for name in [
-            key for key in scaled if key.startswith("encoder_step.")
-        ]:  # a step below the finest means exact
-            scaled[name] = scaled[name] if scaled[name] >= FINEST_STEP else 0.0
+        for name, value in scaled.items():
+            if name.startswith("encoder_step.") and value < FINEST_STEP:  # which means exact
+                scaled[name] = 0.0
         noise = int(_stream(seed, _NOISE, index).generate_state(1, np.uint64)[0] >> np.uint64(1))
         start = zip(plant.states, base.initial_state, strict=True)
         state = tuple(scaled.pop(name, value) for name, value in start)
@@ -151,7 +151,7 @@ class SampleSpace:
             return constant(bounds[0])
         levels = [_within(bounds, at[f"{thing} level {i}"]) for i in range(1, LEVELS + 1)]
         shares = [at[f"{thing} instant {i}"] for i in range(1, INSTANTS + 1)]
-        shape = SHAPES[min(int(len(SHAPES) * at[f"{thing} shape"]), len(SHAPES) - 1)]
+        shape = _shape_at(at[f"{thing} shape"])
         if shape == "constant":
             return constant(levels[0])
         if shape == "trapezoid":
@@ -178,13 +178,14 @@ class SampleSpace:
         for name in self.coordinates:
             thing, _, part = name.partition(" ")
             if part == "shape":
-                found.append(0.5 / len(SHAPES))
+                found.append(CONSTANT)
             elif part.startswith("instant"):
                 found.append(0.5)
             else:
                 value = own[thing]
                 low, high = self.varied[thing]
-                found.append(1.0 if value is None else _share((low, high), value))
+                share = 1.0 if value is None else (value - low) / (high - low)
+                found.append(min(max(share, 0.0), 1.0))
         return np.array(found)
 
 
@@ -194,8 +195,7 @@ def acting(changes: Mapping[str, float]) -> dict[str, float]:
     for name, change in changes.items():
         thing, _, part = name.partition(" ")
         if (shift := changes.get(f"{thing} shape")) is not None and part != "shape":
-            at = int(len(SHAPES) * (0.5 / len(SHAPES) + shift))
-            if part not in PARTS[SHAPES[min(at, len(SHAPES) - 1)]]:
+            if part not in PARTS[_shape_at(CONSTANT + shift)]:
                 continue
         found[name] = change
     return found
@@ -252,10 +252,8 @@ def _stream(seed: int, purpose: int, index: int) -> SeedSequence:
     return SeedSequence(seed, spawn_key=(purpose, index))
 
 
-def _share(bounds: Range, value: float) -> float:
-    """Return the share of a range at which a number lies, clipped to 0 to 1."""
-    low, high = bounds
-    return min(max((value - low) / (high - low), 0.0), 1.0) if high > low else 0.0
+def _shape_at(share: float) -> str:
+    return SHAPES[min(int(len(SHAPES) * share), len(SHAPES) - 1)]
 
 
 def _within(bounds: Range, share: float) -> float:
