@@ -66,12 +66,8 @@ class Schedule:
         for first, third in zip(times, times[2:], strict=False):
             if first == third:
                 raise InvalidValueError("times", "may repeat a time once, for a jump", third)
-        rates = tuple(
-            (values[i + 1] - values[i]) / (times[i + 1] - times[i])
-            if times[i + 1] > times[i]
-            else 0.0
-            for i in range(len(times) - 1)
-        )
+        lines = itertools.pairwise(zip(times, values, strict=True))
+        rates = tuple((w - v) / (t - s) if t > s else 0.0 for (s, v), (t, w) in lines)
         if not np.isfinite(rates).all():
             raise InvalidValueError("times", "must be far enough apart for a finite slope")
         object.__setattr__(self, "times", times)
@@ -145,15 +141,9 @@ class Schedule:
     @property
     def breakpoints(self) -> tuple[float, ...]:
         """Times [s] at which the schedule jumps or changes slope."""
-        slopes_before = (0.0, *self._rates[:-1])
-        return tuple(
-            dict.fromkeys(
-                t
-                for i, t in enumerate(self.times)
-                if t in (self.times[i - 1] if i else None, *self.times[i + 1 : i + 2])
-                or slopes_before[i] != self._rates[i]
-            )
-        )
+        jumps = {t for t, after in itertools.pairwise(self.times) if t == after}
+        knots = zip(self.times, (0.0, *self._rates[:-1]), self._rates, strict=True)
+        return tuple(dict.fromkeys(t for t, old, new in knots if t in jumps or old != new))
 
 
 def constant(value: float) -> Schedule:
@@ -216,7 +206,7 @@ def trapezoid(times: Sequence[float], low: float, high: float) -> Schedule:
         raise InvalidValueError("times", "must be four for a trapezoid", len(times))
     _require_increasing("times", times)
     low, high = require_finite("low", low), require_finite("high", high)
-    return Schedule(tuple(times), (low, high, high, low))
+    return Schedule(times, (low, high, high, low))
 
 
 def piecewise_linear(times: Sequence[float], values: Sequence[float]) -> Schedule:
@@ -266,7 +256,7 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
         if np.isfinite(end):
             cut_off = [t for t, _ in inner if start + t >= end]
             knots.append((end, piece.before(min([end - start, *cut_off]))))
-    kept = [knot for i, knot in enumerate(knots) if i == 0 or knot != knots[i - 1]]
+    kept = [knot for knot, _ in itertools.groupby(knots)]
     return Schedule(tuple(t for t, _ in kept), tuple(v for _, v in kept))
 
 
