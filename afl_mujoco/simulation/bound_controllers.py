@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +67,7 @@ def lqr_of(scenario: Scenario) -> LinearFeedback:
         asked.get(name, asked.get(f"{name}_command", end))
         for name, end in zip(plant.inputs, ends.tolist(), strict=True)
     ]
-    model = _unlimited(plant, threading.get_ident())
+    model = plant_model(plant, without_limits_of_inputs)  # which would cut off their effect
 
     def rest(values: Floats) -> Rest:
         return rest_of(model, np.array(scenario.target), values)
@@ -96,16 +98,14 @@ def _known(plant: Plant, *weights: tuple[float, ...]) -> dict[bytes, Floats]:
     return {}
 
 
-@lru_cache(maxsize=32)
-def plant_model(plant: Plant, thread: int) -> PlantModel:
-    """Return a model of a plant for a thread."""
-    return PlantModel(plant)
+def plant_model(plant: Plant, alter: Callable[[Any], None] | None = None) -> PlantModel:
+    """Return a model of a plant that this thread has for itself."""
+    return _model(plant, alter, threading.get_ident())
 
 
-@lru_cache(maxsize=32)
-def _unlimited(plant: Plant, thread: int) -> PlantModel:
-    """Return the same without limits of inputs, which would cut off what shows their effect."""
-    return PlantModel(plant, alter=without_limits_of_inputs)
+@lru_cache(maxsize=64)
+def _model(plant: Plant, alter: Callable[[Any], None] | None, thread: int) -> PlantModel:
+    return PlantModel(plant, alter=alter)
 
 
 def rest_of(model: PlantModel, q: Floats, values: Floats) -> Rest:

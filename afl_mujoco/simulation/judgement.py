@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -101,7 +100,7 @@ def judge(scenario: Scenario, run: Trajectory) -> tuple[Judgement, ...]:
 
 def ranges_of(plant: Plant) -> Floats:
     """Return the range that the MJCF gives each coordinate, infinite where none, shape (n, 2)."""
-    m = plant_model(plant, threading.get_ident()).mj_model
+    m = plant_model(plant).mj_model
     return np.where(m.jnt_limited[:, None], m.jnt_range, (-np.inf, np.inf))
 
 

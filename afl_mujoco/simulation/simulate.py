@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -54,7 +53,7 @@ class MovingTrees:
 
     def at(self, values: Floats, rates: Floats) -> tuple[Tree, Tree]:
         """Return both with some parameters and rates."""
-        model = plant_model(self.plant, threading.get_ident())
+        model = plant_model(self.plant)
         return self._trees(model.rows(values)[0], model.drift(values[None], rates[None])[0])
 
     def along(self, segment: Segment, time: float) -> tuple[Tree, Tree]:
@@ -67,5 +66,5 @@ class MovingTrees:
         return self._trees(row, drift.reshape(-1, 5, 3))
 
     def _trees(self, row: Floats, drift: Floats) -> tuple[Tree, Tree]:
-        still = Tree(**plant_model(self.plant, threading.get_ident()).tree(row))
+        still = Tree(**plant_model(self.plant).tree(row))
         return still, still._replace(drift=drift)
