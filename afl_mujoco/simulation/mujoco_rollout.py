@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -239,13 +240,10 @@ def closed_loop(
 ) -> Derivative:
     """Return the right-hand side of the same loop for an integrator in Python."""
     laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
-    lines: dict[Segment, Line] = {}
+    line = functools.lru_cache(maxsize=1)(functools.partial(line_of, model))
 
     def derivative(time: float, state: Floats, segment: Segment) -> Any:
-        if segment not in lines:
-            lines.clear()
-            lines[segment] = line_of(model, segment)
-        loop = model.addresses, lines[segment], space, laws.along(segment)
+        loop = model.addresses, line(segment), space, laws.along(segment)
         x, rates = np.array(state[: 2 * n]), np.empty(2 * n)
         with laws.watched():
             _rates(loop, time, x, rates)
