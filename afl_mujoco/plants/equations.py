@@ -177,13 +177,10 @@ def _numbers(thing: str, found: Any, shape: tuple[int, ...]) -> Floats:
     if 0 in shape and real.size == 0:
         return np.zeros(shape)
     if real.shape != shape:
-        rule = f"must have shape {shape}" if len(shape) > 1 else f"must be {_counted(shape[0])}"
+        count = f"{shape[0]} number{'s' * (shape[0] != 1)}"
+        rule = f"must have shape {shape}" if len(shape) > 1 else f"must be {count}"
         raise InvalidValueError(thing, rule, f"shape {real.shape}" if real.shape else found)
     return real
-
-
-def _counted(count: int) -> str:
-    return f"{count} number{'s' * (count != 1)}"
 
 
 def _compiled(plant: Plant) -> tuple[Fill, Any]:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from operator import itemgetter
 from typing import Any
@@ -139,26 +139,27 @@ class Search(Difference):
             yield 0, "the equations are in single precision"
             return
         families = [*self.families()]
-        for say, left in itertools.chain(*families):
-            yield from _explained(say, self.start, left)
+        yield from self.explaining(*families)
         for family in families:
             yield from self.together(family)
-        for say, left in itertools.chain(self.lengths(), self.exchanged(), self.frames()):
-            yield from _explained(say, self.start, left)
+        yield from self.explaining(self.lengths(), self.exchanged(), self.frames())
 
     def further(self) -> Iterator[Said]:
         """Yield what else explains the difference, the most usual first."""
         families = (self.parameters(), self.angles(), self.joints(), self.unwritten())
-        for say, left in itertools.chain(*families):
-            yield from _explained(say, self.start, left)
+        yield from self.explaining(*families)
         yield from self.stale()
         single: Iterator[Suspect] = (
             (partial(_share, name), self.added(field, term)) for name, field, term in self.rows
         )
-        for say, left in itertools.chain(single, self.factors()):
-            yield from _explained(say, self.start, left)
+        yield from self.explaining(single, self.factors())
         if not self.plant.terms:
             yield from self.single_accelerations()
+
+    def explaining(self, *families: Iterable[Suspect]) -> Iterator[Said]:
+        """Yield those of the suspects that explain the difference, each by itself."""
+        for say, left in itertools.chain(*families):
+            yield from _explained(say, self.start, left)
 
     @cached_property
     def rows(self) -> list[Part]:
