@@ -30,8 +30,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.compiled import inlined_jitable, kernel
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import FALL_ANGLE
 from afl_mujoco.scenario.parameters import NOMINAL
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, STATE_LIMIT
+from afl_mujoco.simulation.trajectory import STATE_LIMIT
 from afl_mujoco.studies.verify.claims import ObjectiveScales, objective
 from afl_mujoco.values import require_positive
 

@@ -210,9 +210,8 @@ class Design:
 
     def over(self, plants: PlantRange) -> GainGrid:
         """Return the gains at the nodes around some plants, or raise InvalidValueError."""
-        (least_mass, largest_mass), (least, largest), pole_mass, gravity = plants
-        rows, columns = _nodes(least_mass, largest_mass), _nodes(least, largest)
-        return _grid(self.method, rows, columns, pole_mass, gravity)
+        rows, columns = _nodes(*plants.cart_mass), _nodes(*plants.half_length)
+        return _grid(self.method, rows, columns, plants.pole_mass, plants.gravity)
 
 
 def _nodes(least: float, largest: float) -> tuple[int, int]:

@@ -6,14 +6,12 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from afl_mujoco.compiled import kernel
 from afl_mujoco.control.controller import Controller, Estimator
+from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import CART_MASSES, HALF_LENGTHS, CartPoleParameters, PlantRange
 from afl_mujoco.scenario.scenario import Scenario
-
-Floats = NDArray[np.float64]
 
 STATES = 6  # length of the estimator's state
 

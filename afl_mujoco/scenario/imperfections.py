@@ -260,7 +260,7 @@ class Imperfections(Checked):
                     own = ByName(value).ordered(plant.inputs)
                 alone = len(plant.inputs) == 1
                 found[name] = (*own.values(), IDEAL_INPUT[name])[0] if alone else own
-        for name in DETAILS:
+        for name in CART_POLE.details:
             if getattr(self, name) and name not in plant.details:
                 rule = f"is of another plant than {plant.name!r}"
                 raise InvalidValueError(f"imperfections.{name}", rule)
@@ -311,8 +311,6 @@ IDEAL_INPUT: Mapping[str, float | None] = MappingProxyType(
 
 BY_INPUT = tuple(IDEAL_INPUT)
 
-DETAILS = tuple(CART_POLE.details)  # what only the cart-pole has
-
 
 def require_within_stop(
     thing: str, x: float, stop: float | None, which: str, unit: str = "m"
@@ -338,10 +336,8 @@ _BELIEF: Mapping[str, Declaration] = {
         Imperfection(name="half_length_error-", title="l assumed too small", unit="%", scale=1e2,
             fields={"half_length_error": -1.0}, reference=0.05, benign=0.01, harsh=0.95),
     ), "measured by hand"),
-    **{
-        name: Declaration("1")
-        for name in (f"{parameter}{ERROR}" for parameter in ("pole_mass", "gravity"))
-    },
+    "pole_mass_error": Declaration("1"),
+    "gravity_error": Declaration("1"),
 }  # fmt: skip
 """The errors of what controllers assume, which are part of the belief of a scenario."""
 
@@ -500,7 +496,7 @@ def _swept(name: str) -> Imperfection:
     return next(one for one in IMPERFECTIONS if one.name == name)
 
 
-IMPERFECTIONS = tuple(one for declared in DECLARATIONS.values() for one in declared.swept)
+IMPERFECTIONS = imperfections_of(CART_POLE)
 """Every imperfection whose thresholds are searched, in the order in which they are combined."""
 
 _DRAWN = {name: one.drawn for name, one in DECLARATIONS.items() if one.drawn is not None}

@@ -511,12 +511,12 @@ class Scenario:
         joining = np.array([one.jump == "momenta" for one in self.plant.parameters.values()])
         if not (joining.any() or self.plant.entering.any()):
             return {}
-        times, schedules = np.array(self.breakpoints), [*self.schedule.values()]
+        times = np.array(self.breakpoints)
         before, after = (self.acting_rates(x) for x in (np.nextafter(times, 0.0), times))
         found: dict[float, Event] = {}
         for i, time in enumerate(times.tolist()):
-            new = np.array([schedule.at(time) for schedule in schedules])
-            old = np.array([schedule.before(time) for schedule in schedules])
+            new = self.values_at(time)
+            old = np.array([schedule.before(time) for schedule in self.schedule.values()])
             rises = joining & (new - old > ROUNDING * np.abs(new))
             if rises.any() or (before[i] != after[i]).any():
                 found[time] = Event(np.where(rises, old, new), new, (before[i], after[i]))

@@ -26,7 +26,7 @@ from afl_mujoco.simulation.drawing import drawn_model
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.episode import World
 from afl_mujoco.simulation.sampled.runs import fine_enough
-from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout, within_limits
+from afl_mujoco.simulation.trajectory import STATE_LIMIT, Layout, criterion_of, within_limits
 from afl_mujoco.values import require_finite, require_positive, require_switch
 
 choose_backend()  # dm_control reads MUJOCO_GL when imported
@@ -171,10 +171,9 @@ class Reward:
     """What an instant of a scenario is worth, and where an episode ends, for one state or many."""
 
     def __init__(self, scenario: Scenario) -> None:
-        names = scenario.plant.coordinates
         self._layout, self._is_cart_pole = Layout.of(scenario), scenario.is_cart_pole
-        self._bands = np.array([scenario.band(name) for name in names])
-        self._ends = np.array([scenario.ends_at.get(name, math.inf) for name in names])
+        self._bands = np.array([scenario.band(name) for name in scenario.plant.coordinates])
+        self._ends = criterion_of(scenario).ends
 
     def of(self, states: Floats, inputs: Floats) -> Any:
         """Return the reward of finite states under inputs, shapes (N, 2 n) and (N, k)."""

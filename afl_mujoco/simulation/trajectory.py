@@ -22,8 +22,7 @@ from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import InvalidValueError, printable, reading
 from afl_mujoco.files import array_names, atomic_file, read_arrays
 from afl_mujoco.loading import told_of
-from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.cartpole import FALL_ANGLE as FALL_ANGLE
+from afl_mujoco.plants.cartpole import CART_POLE, FALL_ANGLE
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.files import scenario_to_table
 from afl_mujoco.scenario.parameters import LARGEST_STATE, labelled

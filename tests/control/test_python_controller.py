@@ -22,9 +22,9 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.plants.cartpole import FALL_ANGLE
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
-from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from tests import program
 from tests.feedback import force_of
 from tests.messages import line

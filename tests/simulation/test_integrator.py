@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
+from afl_mujoco.plants.cartpole import FALL_ANGLE
 from afl_mujoco.plants.cartpole_equations import plant as cart_pole
 from afl_mujoco.plants.cartpole_equations import terms
 from afl_mujoco.scenario.time_steps import time_grid
@@ -14,7 +15,7 @@ from afl_mujoco.simulation import mujoco_rollout as mujoco_dynamics
 from afl_mujoco.simulation import ode
 from afl_mujoco.simulation.integrator import integrate, scipy_solver
 from afl_mujoco.simulation.simulate import MovingTrees
-from afl_mujoco.simulation.trajectory import FALL_ANGLE, criterion_of
+from afl_mujoco.simulation.trajectory import criterion_of
 from tests.feedback import feedback
 
 TIGHT = 1e-11  # ten times the integrator's rtol, accumulated over a run of order 1

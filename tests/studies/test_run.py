@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.plants.cartpole import CART_POLE, FALL_ANGLE
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, Judgement
-from afl_mujoco.simulation.trajectory import FALL_ANGLE
 from afl_mujoco.studies.shared.run import Run, columns_of, run_all, run_of
 from afl_mujoco.studies.shared.tables import middle, requirements_matrix
 
