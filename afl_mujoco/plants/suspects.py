@@ -182,8 +182,8 @@ class Search(Difference):
         yield [(_gravity, self.edited(..., gravity=twice))]
         yield [(share(f"the gear of input {name}"), self.edited(k, actuator_gear=twice))
                for k, name in enumerate(self.plant.inputs)]  # fmt: skip
-        for point in (_joint, _origin):
-            yield [(partial(_about, name), self.inertia(b, partial(_moved, b, point)))
+        for at_joint in (True, False):
+            yield [(partial(_about, name), self.inertia(b, partial(_moved, b, at_joint)))
                    for b, name in self.bodies]  # fmt: skip
         for what, fields in (
             ("the inertia", ["body_inertia"]), ("the mass", ["body_mass"]),
@@ -536,18 +536,11 @@ def _times(factor: float | Floats, x: Floats, tree: Tree) -> Floats:
     return factor * x
 
 
-def _joint(tree: Tree, body: int) -> Floats:
-    """Return where a body turns, in its frame."""
-    return tree.jnt_pos[tree.first_joint[body]] if tree.joint_count[body] else np.zeros(3)
-
-
-def _origin(tree: Tree, body: int) -> Floats:
-    return np.zeros(3)
-
-
-def _moved(body: int, point: Callable[[Tree, int], Floats], inertia: Floats, tree: Tree) -> Floats:
-    """Return the inertia of a body about another point, m r^2 more."""
-    arm = tree.body_ipos[body] - point(tree, body)
+def _moved(body: int, at_joint: bool, inertia: Floats, tree: Tree) -> Floats:
+    """Return the inertia of a body about its joint or the origin of its frame, m r^2 more."""
+    arm = tree.body_ipos[body]
+    if at_joint and tree.joint_count[body]:
+        arm = arm - tree.jnt_pos[tree.first_joint[body]]
     found: Floats = inertia + tree.body_mass[body] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return found
 
