@@ -1,5 +1,6 @@
 """Plants for tests: a small one whose text is varied, and those of the examples."""
 
+import math
 from pathlib import Path
 
 from afl_mujoco.plants.plant import Plant, load_plant
@@ -35,6 +36,15 @@ plant = afl.Plant(
                 "length": afl.Parameter(0.4, "m", low=0.2, high=0.8)},
 )
 '''
+
+
+PENDULUM = Plant(
+    name="pendulum", coordinates=("angle",), inputs=("torque",), upright=(math.pi,),
+    wraps=("angle",),
+    model="""<mujoco><worldbody><body name="rod"><joint name="angle" axis="0 1 0"/>
+      <inertial pos="0 0 -.3" mass="1" diaginertia=".01 .01 .01"/></body></worldbody>
+      <actuator><motor name="torque" joint="angle"/></actuator></mujoco>""",
+)  # fmt: skip
 
 
 def varied(folder: Path, *changes: tuple[str, str], name: str = "small") -> str:

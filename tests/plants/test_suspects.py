@@ -26,8 +26,14 @@ def arm(terms, **parameters: afl.Parameter) -> afl.Plant:
 DAMPING = afl.Parameter(0.1, low=0.05, high=0.3)
 
 
-def swinging(q, v, p):
-    return ((2.0,),), (9.81 * math.sin(q[0]) + 0.1 * v[0],), ((),)
+def swinging(weight=9.81, more=0.0):
+    """Terms of that arm, its damping the parameter or as the MJCF has it."""
+
+    def terms(q, v, p):
+        damping = getattr(p, "damping", 0.1) + more
+        return ((2.0,),), (weight * math.sin(q[0]) + damping * v[0],), ((),)
+
+    return terms
 
 
 def test_equations_that_cannot_be_read_otherwise_do_not_end_the_search() -> None:
@@ -63,11 +69,7 @@ def test_the_single_precision_of_a_mesh_is_named_and_numbers_that_have_it_agree(
 def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> None:
     """Nothing of the body varies: its armature could be its inertia, or its mass."""
     text = ARM.replace('damping="0.1"', 'damping="0.1" armature="0.7"')
-
-    def terms(q, v, p):
-        return ((2.0,),), (9.81 * np.sin(q[0]) + p.damping * v[0],), ((),)
-
-    said = afl.check(replace(arm(terms, damping=DAMPING), model=text), 50).headline
+    said = afl.check(replace(arm(swinging(), damping=DAMPING), model=text), 50).headline
     first, *others = said.removeprefix("arm: mass matrix, arm: ").split(", or ")
     assert first == "armature of arm is 0 in the equations and 0.7 in MuJoCo"
     assert others[0] == "the inertia of body arm is 0.3 times MuJoCo's in the equations"
@@ -75,20 +77,18 @@ def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> N
 
 
 def test_an_angle_from_elsewhere_is_named_beside_the_sign_that_looks_alike() -> None:
-    def terms(q, v, p):
-        return ((2.0,),), (-9.81 * np.sin(q[0]) + p.damping * v[0],), ((),)
-
-    said = afl.check(arm(terms, damping=DAMPING), 50).headline.removeprefix("arm: bias, arm: ")
+    plant = arm(swinging(-9.81), damping=DAMPING)
+    said = afl.check(plant, 50).headline.removeprefix("arm: bias, arm: ")
     assert said.startswith("gravity has the other sign in the equations, or ")
     assert said.endswith("arm is measured from 180 degrees further in the equations?")
 
 
 def test_an_armature_that_is_forgotten_and_a_parameter_that_equations_do_not_read_are_named():
-    rolling = arm(swinging, mass=afl.Parameter(0.5, low=0.2, high=0.9))
+    rolling = arm(swinging(), mass=afl.Parameter(0.5, low=0.2, high=0.9))
     plant = replace(rolling, write=lambda p: {"joint arm armature": 0.4 * p.mass})
     said = "arm: mass matrix, arm: the armature of arm is missing in the equations?"
     assert afl.check(plant, 50).headline == said
-    own = arm(swinging, g=afl.Parameter(9.81))
+    own = arm(swinging(), g=afl.Parameter(9.81))
     plant = replace(own, write=lambda p: {"option gravity 2": -p.g})
     assert afl.check(plant, 50).headline.endswith("do not read g: drawn at one value")
 
@@ -120,12 +120,7 @@ def test_a_whole_term_has_a_name(factors: tuple[float, ...], said: str) -> None:
 
 
 def test_a_small_share_is_said_to_be_small_and_a_parameter_has_no_value_of_its_own() -> None:
-    g = 9.81 * (1.0 + 1e-7)
-    own = arm(lambda q, v, p: (((2.0,),), (g * math.sin(q[0]) + 0.1 * v[0],), ((),)))
+    own = arm(swinging(9.81 * (1.0 + 1e-7)))
     assert "gravity is 1 + 1e-07 times MuJoCo's" in afl.check(own, 50).headline
-
-    def terms(q, v, p):
-        return ((2.0,),), (9.81 * math.sin(q[0]) + (p.damping + 0.2) * v[0],), ((),)
-
-    result = afl.check(arm(terms, damping=DAMPING), 50)
+    result = afl.check(arm(swinging(more=0.2), damping=DAMPING), 50)
     assert "damping of arm is 0.2 more in the equations" in result.headline

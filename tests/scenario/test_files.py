@@ -28,6 +28,12 @@ duration = 0.1
 shape = "impulse"
 momentum = 1
 time = 5
+[requirements]
+completes = false
+max.force = 150
+settling_time = 4.5
+recover_within = 1.5
+bands.z = 0.1
 """
 
 
@@ -50,6 +56,11 @@ def test_every_shape_can_be_written_by_hand(tmp_path):
     assert scenario.cart_mass([0.5, 1, 4, 4.5, 5, 6.5, 8]).tolist() == [0.5, 1, 1, 1.5, 2, 1.5, 3]
     pulse = afl.ForcePulse(force=-10, start=10, duration=0.1)
     assert scenario.disturbances == (pulse, afl.Impulse(momentum=1, time=5))
+    asked = {"settling_time": 4.5, "recover_within": 1.5, "bands": {"z": 0.1, "phi": 0.02}}
+    asked = afl.Requirements(completes=False, max={"force": 150.0}, **asked)
+    assert replace(scenario, requirements=asked) == scenario
+    afl.save_scenario(scenario, again := tmp_path / "again.toml")
+    assert afl.load_scenario(again) == scenario and "phi = 0.02" not in again.read_text()
     (tmp_path / "nominal.toml").write_text("[schedule]")  # what a file leaves out is nominal
     assert afl.load_scenario(tmp_path / "nominal.toml") == afl.SCENARIOS["nominal"]
 

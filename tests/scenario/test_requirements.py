@@ -8,29 +8,6 @@ PUSHES = (
     afl.ForcePulse(force=5.0, start=2.0, duration=0.5),
     afl.ForcePulse(force=-5.0, start=2.4, duration=0.2), afl.Impulse(momentum=1.0, time=6.0),
 )  # fmt: skip
-TABLE = """
-disturbances = [{ shape = "pulse", force = 20.0, start = 6.0, duration = 0.1 }]
-[requirements]
-completes = false
-max.z = 1.0
-max.phi = 0.3
-max.force = 150
-settling_time = 5.5
-recover_within = 3.0
-bands.z = 0.1
-"""
-
-
-def test_a_file_asks_for_them_and_gives_them_back(tmp_path) -> None:
-    (tmp_path / "rig.toml").write_text(TABLE)
-    scenario = afl.load_scenario(tmp_path / "rig.toml")
-    assert scenario.requirements == Requirements(
-        completes=False, max={"z": 1.0, "phi": 0.3, "force": 150.0}, settling_time=5.5,
-        recover_within=3.0, bands={"z": 0.1},
-    )  # fmt: skip
-    afl.save_scenario(scenario, tmp_path / "again.toml")
-    assert afl.load_scenario(tmp_path / "again.toml") == scenario
-    assert "bands.phi" not in (tmp_path / "again.toml").read_text()  # a default
 
 
 @pytest.mark.parametrize(("asked", "message"), [

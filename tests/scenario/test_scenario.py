@@ -6,6 +6,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco import CartPoleParameters, Scenario, staircase, trapezoid
+from afl_mujoco.control.gains import GAIN_NAMES
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.time_steps import time_grid
 from tests.messages import line
@@ -85,6 +86,9 @@ def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
     (afl.Impulse, {"momentum": 1, "time": -2}, "time must not be negative, got -2.0"),
     (CartPoleParameters, {"cart_mass": np.True_}, "cart_mass must be"),
     (CartPoleParameters, {"cart_mass": 10**400}, "cart_mass must be"),
+    *((afl.Gains, {**dict.fromkeys(GAIN_NAMES, 1.0), name: value}, f"{name} must be {message}$")
+      for name in GAIN_NAMES for value, message in ((-1.0, "positive, got -1.0"),
+                                                    (math.nan, "finite, got nan"))),
     *((CartPoleParameters, {name: value}, f"{name} must be {message}$")
       for name in ("cart_mass", "pole_mass", "half_length", "gravity") for value, message in (
         (0, "positive, got 0.0"), (float("nan"), "finite, got nan"), (True, "a number, got True"),

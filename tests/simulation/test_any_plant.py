@@ -17,7 +17,7 @@ from afl_mujoco.simulation.trajectory import signals_of
 from afl_mujoco.studies.compare import report
 from afl_mujoco.studies.margins import Request
 from afl_mujoco.studies.shared.run import run_of
-from tests.plants.plants import EXAMPLES, known
+from tests.plants.plants import EXAMPLES, PENDULUM, known
 
 QUADROTOR = known("quadrotor_load.py:plant")
 HIT = afl.Impulse(momentum=1.0, time=1.0, coordinate="z")
@@ -89,12 +89,7 @@ def test_a_plant_of_other_names_runs_bit_for_bit_as_the_cart_pole() -> None:
 
 
 def test_an_lqr_goes_the_shorter_way_where_an_angle_wraps() -> None:
-    text = """<mujoco><worldbody><body><joint name="a" axis="0 1 0"/>
-        <inertial pos="0 0 -0.5" mass="1" diaginertia="0.1 0.1 0.01"/></body></worldbody>
-        <actuator><motor name="t" joint="a"/></actuator></mujoco>"""
-    what = {"coordinates": ("a",), "inputs": ("t",), "upright": (np.pi,), "wraps": ("a",)}
-    plant = afl.Plant(name="pendulum", model=text, **what)
-    at = afl.Scenario(name="s", plant=plant, duration=3.0, initial_state=(-3.0, 0.0))
+    at = afl.Scenario(name="s", plant=PENDULUM, duration=3.0, initial_state=(-3.0, 0.0))
     one = afl.simulate_mujoco(at, "lqr")
     other = afl.simulate_mujoco(replace(at, initial_state=(2.0 * np.pi - 3.0, 0.0)), "lqr")
     np.testing.assert_allclose(one.state[:, 0] + 2.0 * np.pi, other.state[:, 0], atol=1e-9)

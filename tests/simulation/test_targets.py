@@ -13,15 +13,8 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.metrics import label_of
 from afl_mujoco.studies.shared.tables import how
-from tests.plants.plants import known
+from tests.plants.plants import PENDULUM, known
 
-PENDULUM = afl.Plant(
-    name="pendulum", coordinates=("angle",), inputs=("torque",), upright=(math.pi,),
-    wraps=("angle",),
-    model="""<mujoco><worldbody><body name="rod"><joint name="angle" axis="0 1 0"/>
-      <inertial pos="0 0 -.3" mass="1" diaginertia=".01 .01 .01"/></body></worldbody>
-      <actuator><motor name="torque" joint="angle"/></actuator></mujoco>""",
-)  # fmt: skip
 NEAR = afl.Scenario(
     name="near", plant=PENDULUM, duration=2.0, initial_state={"angle": -3.0},
     requirements=afl.Requirements(ends_at={"angle": 0.3}),
