@@ -122,8 +122,7 @@ def require_backend() -> str:
     candidates = [asked] if asked else list(BACKENDS)
     refusals = []
     for backend in candidates:
-        refusal = _refusal(backend)
-        if not refusal:
+        if not (refusal := _refusal(backend)):
             _use(backend)
             return backend
         refusals.append(f"{backend}: {refusal}")

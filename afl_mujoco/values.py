@@ -146,11 +146,7 @@ def by_name(check: Check) -> Check:
 
 def table_of(check: Check) -> Check:
     """Return the check of a table of values by name."""
-
-    def checked(thing: str, value: Any) -> Any:
-        return by_name(check)(thing, require_table(thing, value))
-
-    return checked
+    return lambda thing, value: by_name(check)(thing, require_table(thing, value))
 
 
 def require_table(thing: str, value: Any) -> Mapping[str, Any]:

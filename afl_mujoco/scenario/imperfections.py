@@ -466,18 +466,17 @@ def _declared(plant: Plant) -> Mapping[str, Declaration]:
         f"encoder_step.{first}": replace(_swept("encoder_step"), fields=encoders, unit=unit),
         f"noise.{first}": replace(_swept("noise"), fields=noise, unit=unit),
     }
-    for name in ("encoder_step", "noise", "damping", "dry_friction", "armature", "end_stops"):
+    for name in ("encoder_step", "noise"):
         for part in known[name]:
             path = f"{name}.{part}"
-            more = (swept[path],) if path in swept else ()
-            if name in ("damping", "dry_friction", "armature"):
-                words = f"{name.replace('_', ' ')} of {part}"
-                more = (
-                    Imperfection(name=path, title=words, unit="",
-                        fields={path: 1.0}, reference=1e-3, benign=1e-5, harsh=1e3),
-                )  # fmt: skip
-            own = units[part] if name in ("encoder_step", "noise", "end_stops") else ""
-            found[path] = Declaration(own, more)
+            found[path] = Declaration(units[part], (swept[path],) if path in swept else ())
+    for name in ("damping", "dry_friction", "armature"):
+        for part in known[name]:
+            path, words = f"{name}.{part}", f"{name.replace('_', ' ')} of {part}"
+            one = Imperfection(name=path, title=words, unit="",
+                fields={path: 1.0}, reference=1e-3, benign=1e-5, harsh=1e3)  # fmt: skip
+            found[path] = Declaration("", (one,))
+    found |= {f"end_stops.{x}": Declaration(units[x]) for x in known["end_stops"]}
     differenced = replace(_swept("differentiated"), fields=encoders, unit=unit)
     found["differentiated"] = Declaration("", (differenced,))
     found |= {name: DECLARATIONS[name] for name in ("velocity_filter", "parameter_delay")}
