@@ -320,7 +320,7 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
 
 def _creeping(scenario: Scenario) -> Iterator[str]:
     """Remark on dry friction of the MJCF, which holds nothing by MuJoCo's defaults."""
-    m = plant_model(scenario.plant, threading.get_ident()).mj_model
+    m = plant_model(scenario.plant).mj_model
     soft = (m.dof_frictionloss > 0.0) & (m.dof_solimp[:, 0] < FIRM)
     for name, creeps in zip(scenario.plant.coordinates, soft, strict=True):
         if creeps and not scenario.imperfections.at(f"dry_friction.{name}"):

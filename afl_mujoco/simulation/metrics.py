@@ -55,34 +55,41 @@ def _parsed(key: str) -> tuple[str, str]:
     return start, key.removeprefix(start)
 
 
+def _efforts(layout: Layout) -> dict[str, tuple[str, str]]:
+    """Return what each metric of an input is in words, and of which one it is."""
+    return {
+        metric: (words, one)
+        for one in layout.inputs
+        for metric, words in zip(effort_names(layout.inputs, one), _OF_INPUT, strict=True)
+    }
+
+
 def label_of(key: str, layout: Layout = LAYOUT) -> str:
     """Return the name of a metric in a report."""
-    start, name = _parsed(key)
     if key in _LABELS:
         return _LABELS[key]
+    words, one = _efforts(layout).get(key, ("", ""))
+    if words:
+        return words.format("F" if one == "force" else symbol(one))
+    start, name = _parsed(key)
     if not start:
-        named = {
-            metric: words.format("F" if one == "force" else symbol(one))
-            for one in layout.inputs
-            for metric, words in zip(effort_names(layout.inputs, one), _OF_INPUT, strict=True)
-        }
-        return named.get(key, key.replace("_", " "))
+        return key.replace("_", " ")
     away = 0.0 if start == "least_" else layout.about(name)  # all others are of deviations
     return _OF_STATE[start][0].format(from_target(name, away))
 
 
 def unit_of(key: str, layout: Layout = LAYOUT) -> str:
     """Return the unit of a metric as a report writes it; nothing for a pure number."""
-    start, name = _parsed(key)
-    if start:
-        return _OF_STATE[start][1].format(layout.units.get(name, "")).replace("^2", "²")
+    _, own = _efforts(layout).get(key, ("", ""))
+    if own:
+        unit = "" if key.endswith("_share") else layout.units.get(own, "")
+        return (f"{unit}^2 s" if unit and key.endswith("_squared") else unit).replace("^2", "²")
     if key == "end_time":
         return "s"
-    own = next((x for x in layout.inputs if x in key), next(iter(layout.inputs), ""))
-    force = layout.units.get(own, "")
-    if not force or key == "objective" or key.endswith("share"):
-        return ""
-    return (f"{force}² s" if key.endswith("_squared") else force).replace("^2", "²")
+    start, name = _parsed(key)
+    return (
+        _OF_STATE[start][1].format(layout.units.get(name, "")).replace("^2", "²") if start else ""
+    )
 
 
 def metric_names(layout: Layout = LAYOUT) -> tuple[str, ...]:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.simulation.metrics import metric_names, metrics
+from afl_mujoco.simulation.metrics import label_of, metric_names, metrics, unit_of
+from afl_mujoco.simulation.trajectory import Layout
 from afl_mujoco.studies.verify.claims import TERMS, ObjectiveScales, with_objective
 
 TRAPEZOID_ERROR = 2e-6  # (h^2 / 12) times the change of slope: h = 1 ms, slopes change by <= 20
@@ -83,6 +84,14 @@ def test_the_objective_of_its_own_scales_is_three_and_saturation_counts_time() -
     sliding = afl.sliding_variable(run.state, afl.CartPoleParameters(), gains)
     share = np.trapezoid((np.abs(sliding) >= gains.boundary_layer).astype(float), run.time) / 10.0
     assert figures["saturated_share"] == pytest.approx(share, abs=1e-12)  # same sum
+
+
+def test_a_metric_of_an_input_has_its_own_unit_and_name() -> None:
+    units = {"a": "rad", "e": "N m", "force": "N", "peak": ""}
+    layout = Layout(("a",), ("e", "force", "peak"), units, (0.0,), ())
+    units = [unit_of(f"max_{name}", layout) for name in layout.inputs]
+    assert units == ["N m", "N", ""] and unit_of("force_squared", layout) == "N² s"
+    assert label_of("peak_squared", layout) == "∫peak² dt" and unit_of("peak_a", layout) == "rad"
 
 
 def test_a_run_goes_to_pandas_or_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
