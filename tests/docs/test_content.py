@@ -19,6 +19,7 @@ from docs.tables import cells_as_table, tables
 from tests.planted_faults import load_faults
 
 CONTENT = Content()
+END = ("name", "low", "value", "high")
 
 
 @pytest.fixture(scope="module")
@@ -88,11 +89,9 @@ def test_every_imperfection_result_and_fault_has_a_row_and_a_cell_may_hold_a_bar
 
 
 def test_the_estimates_that_ship_are_those_of_the_page_on_identification() -> None:
-    shipped = json.loads(ESTIMATES.read_text(encoding="utf-8"))
-    made = json.loads((DOCS / "results" / "identify.json").read_text(encoding="utf-8"))
-    for part in ("pole", "drive"):
-        one, other = (
-            {x["name"]: (x["low"], x["value"], x["high"]) for x in of[part]["estimates"]}
-            for of in (shipped, made["identified"])
-        )
-        assert one == other, "copy renders/identify/estimates.json to identification/data/cartpole"
+    files = ESTIMATES, DOCS / "results" / "identify.json"
+    shipped, made = (json.loads(file.read_text(encoding="utf-8")) for file in files)
+    for part in ("pole", "drive"):  # else: copy renders/results/estimates.json
+        pairs = (shipped[part]["estimates"], made["identified"][part]["estimates"])
+        for one, other in zip(*pairs, strict=True):
+            assert [one[x] for x in END] == [other[x] for x in END]

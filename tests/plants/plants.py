@@ -3,7 +3,7 @@
 import math
 from pathlib import Path
 
-from afl_mujoco.plants.plant import Plant, load_plant
+from afl_mujoco.plants.plant import Parameter, Plant, load_plant
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
@@ -68,3 +68,20 @@ def small(folder: Path, *changes: tuple[str, str]) -> Plant:
 
 def known(name: str) -> Plant:
     return load_plant(name, EXAMPLES)
+
+
+CART = """<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"{joint}/>
+  <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody>
+  <actuator><motor name="f" joint="x"{motor}/></actuator></mujoco>"""
+
+
+def cart(field: str = "", nominal: float = 0.0, joint: str = "", motor: str = "") -> Plant:
+    mu = {"mu": Parameter(nominal, low=0.0, high=5000.0)} if field else {}
+    return Plant(
+        name="cart", model=CART.format(joint=joint, motor=motor), coordinates=("x",), inputs=("f",),
+        parameters=mu, write=(lambda p: {f"joint x {field}": p.mu}) if field else None,
+    )  # fmt: skip
+
+
+def idle(time, state, belief):
+    return 0.0

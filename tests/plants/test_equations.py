@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import afl_mujoco as afl
 from afl_mujoco.plants import equations
 from afl_mujoco.plants.equations import Equations, Points, load_equations
 from tests.plants import plants
-from tests.plants.plants import known, small
+from tests.plants.plants import cart, known, small
 
 ROOT = Path(__file__).parents[2]
 STALE = """
@@ -130,17 +131,8 @@ def walled(q, v, p):
 def test_two_plants_of_one_file_have_equations_of_their_own() -> None:
     """They differ where no point is drawn, so that only their compiled code can tell them apart."""
 
-    def made(of):
-        return afl.Plant(
-            name="x", coordinates=("x",), inputs=("f",), terms=of,
-            model="""<mujoco><worldbody><body name="b"><joint name="x" type="slide"/>
-            <geom size=".1"/></body></worldbody>
-            <actuator><motor name="f" joint="x"/></actuator></mujoco>""",
-            parameters={"m": afl.Parameter(1.0)},
-            write=lambda p: {"body b": afl.ball(mass=p.m, radius=0.1)},
-        )  # fmt: skip
-
-    plants = [made(free), made(walled)]
+    mass = {"parameters": {"m": afl.Parameter(1.0)}, "write": lambda p: {"body cart mass": p.m}}
+    plants = [replace(cart(), terms=of, **mass) for of in (free, walled)]
     scenarios = [afl.Scenario(name="s", plant=plant, duration=3.0) for plant in plants]
     ends = [afl.simulate_ode(x, lambda *_: 1.0).state[-1, 0] for x in scenarios + scenarios[::-1]]
     assert ends[0] == ends[3] == pytest.approx(4.5)

@@ -12,27 +12,12 @@ from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.drawing import tracks
 from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
-
-CART = """<mujoco><worldbody><body name="cart"><joint name="x" type="slide" axis="1 0 0"{joint}/>
-  <inertial pos="0 0 0" mass="1" diaginertia=".1 .1 .1"/></body></worldbody>
-  <actuator><motor name="f" joint="x"{motor}/></actuator></mujoco>"""
-
-
-def cart(field: str = "", nominal: float = 0.0, joint: str = "", motor: str = "") -> afl.Plant:
-    mu = {"mu": afl.Parameter(nominal, low=0.0, high=5000.0)} if field else {}
-    return afl.Plant(
-        name="cart", model=CART.format(joint=joint, motor=motor), coordinates=("x",), inputs=("f",),
-        parameters=mu, write=(lambda p: {f"joint x {field}": p.mu}) if field else None,
-    )  # fmt: skip
+from tests.plants.plants import cart, idle
 
 
 def gliding(plant: afl.Plant, **more) -> afl.Scenario:
     what = {"duration": 1.0, "initial_state": {"x_dot": 1.0}} | more
     return afl.Scenario(name="gliding", plant=plant, **what)
-
-
-def idle(time, state, belief):
-    return 0.0
 
 
 def travelled(scenario: afl.Scenario) -> list[float]:

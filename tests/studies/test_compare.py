@@ -12,7 +12,7 @@ from afl_mujoco.studies.compare import Result, compare, report
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
 from afl_mujoco.studies.shared.tables import metrics_matrix
-from tests.plants.plants import known
+from tests.plants.plants import idle, known
 
 RIG = """
 name = "rig"
@@ -35,10 +35,6 @@ def zero(time, state, belief):
 def late(time, state, belief):
     return 0.0 if time < 0.5 else 1 / 0
 """
-
-
-def idle(time, state, belief):
-    return 0.0
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from afl_mujoco.control.own import PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.studies import margins
 from afl_mujoco.studies.shared.loop_margins import linearize, loop_margins
+from tests.plants.plants import cart
 
 LQR = CONTROLLERS["lqr"]
 AT_REST = afl.Scenario(name="at rest")
@@ -82,10 +83,7 @@ def test_a_scenario_gives_its_plants_its_period_and_what_is_linear(tmp_path) -> 
 
 
 def test_dry_friction_of_the_mjcf_is_left_out_and_said() -> None:
-    model = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0" frictionloss="1"/>
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody>
-      <actuator><motor name="f" joint="x"/></actuator></mujoco>"""
-    plant = afl.Plant(name="cart", model=model, coordinates=("x",), inputs=("f",))
+    plant = cart(joint=' frictionloss="1"')
     law = {"plant": plant, "function": lambda t, x, b: -100.0 * x[0] - 4.0 * x[1]}
     still = afl.Scenario(name="still", plant=plant, duration=1.0)
     found = margins.run(margins.Request(still, [PythonController(name="pd", **law)], {}))

@@ -1,11 +1,14 @@
 """Many runs: the same bits among others, on any threads, and alone; figures of the run itself."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.simulation.metrics import metrics
+from tests.plants.plants import cart
 
 SETTINGS = {"integrator": "Euler", "control_period": 0.002}
 EULER = afl.Deployed(**SETTINGS)
@@ -59,10 +62,8 @@ def test_figures_and_outcome_are_those_of_the_run_of_the_file(scenarios, adaptiv
 
 
 def test_an_end_stop_is_judged_from_0_where_the_target_is_not_there() -> None:
-    text = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/>
-      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body></worldbody></mujoco>"""
-    plant = afl.Plant(name="slide", model=text, coordinates=("x",), upright=(2.0,))
+    plant = replace(cart(), upright=(2.0,))
     rail = afl.Imperfections(end_stops={"x": 2.1})
     start = {"initial_state": {"x": 2.0, "x_dot": 1.0}, "imperfections": rail, "duration": 0.5}
-    (row,) = afl.run_all(lambda *_: (), afl.Scenario(name="s", plant=plant, **start))
+    (row,) = afl.run_all(lambda *_: 0.0, afl.Scenario(name="s", plant=plant, **start))
     assert row.failure == "end_stops" and row.time == pytest.approx(0.1, abs=2e-3)
