@@ -12,6 +12,7 @@ from tests.plants.plants import small
 
 ARM = '<joint name="arm" axis="0 1 0"/>'
 MOTOR = '<motor name="torque" joint="arm"/>'
+FRAME = ("</body></body></worldbody>", "</body></frame></body></worldbody>")
 
 REFUSED = {
     "contact of bodies 'world' and 'arm' .*contype": ((' contype="0" conaffinity="0"', ""),),
@@ -46,11 +47,9 @@ REFUSED = {
          '<inertial pos="0 0 .2" mass="1" fullinertia=".1 .1 .1 0 0 0"/>'),),
     "<joint 'arm' springdamper> must be": ((ARM, ARM.replace("/>", ' springdamper="1 1"/>')),),
     "write: body tip pos 2 must be in the model as it is written": (
-        ('<body name="tip"', '<frame pos="0 0 .1"><body name="tip"'),
-        ("</body></body></worldbody>", "</body></frame></body></worldbody>")),
+        ('<body name="tip"', '<frame pos="0 0 .1"><body name="tip"'), FRAME),
     "write: body tip pos 0 must be in the model .* makes it 0.099": (
-        ('<body name="tip"', '<frame euler="0 0 .1"><body name="tip"'),
-        ("</body></body></worldbody>", "</body></frame></body></worldbody>"),
+        ('<body name="tip"', '<frame euler="0 0 .1"><body name="tip"'), FRAME,
         ("    return {", '    return {"body tip pos 0": 0.0 * p.length, ')),
     "sleep cannot .*sleep=": (
         ("<worldbody>", '<option><flag sleep="enable"/></option><worldbody>'),),

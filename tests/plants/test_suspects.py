@@ -53,9 +53,8 @@ def test_the_single_precision_of_a_mesh_is_named_and_numbers_that_have_it_agree(
     """A tetrahedron of 0.1 m: its inertia about an edge is m a^2 / 5, and a = 0.1f in MuJoCo."""
     mesh = '<asset><mesh name="t" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1" inertia="exact"/></asset>'
     geom = '<geom type="mesh" mesh="t" contype="0" conaffinity="0"/>'
-    text = f"<mujoco>{mesh}{ARM.removeprefix('<mujoco>')}".replace(' damping="0.1"', "")
+    text = ARM.replace("<worldbody>", f"{mesh}<worldbody>").replace(' damping="0.1"', "")
     text = text.replace('<inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>', geom)
-
     for a, said in ((0.1, "keeps meshes in single precision"), (float(np.float32(0.1)), "obeys")):
         m = 1000.0 * a**3 / 6.0
 

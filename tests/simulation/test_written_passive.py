@@ -9,6 +9,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.control.catalogue import as_controller
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.scenario.imperfections import IDEAL
 from afl_mujoco.simulation.drawing import tracks
 from afl_mujoco.simulation.judgement import remarks_on
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
@@ -76,10 +77,9 @@ def test_a_stuck_joint_and_a_passage_through_the_bands_are_no_rest(friction, sta
 
 
 def test_friction_of_the_mjcf_that_creeps_is_remarked_on() -> None:
-    lost, firm = ' frictionloss="2"', ' frictionloss="2" solimpfriction=".9999 .9999"'
-    held = {"imperfections": afl.Imperfections(dry_friction={"x": 1.0})}
-    for joint, more, said in ((lost, {}, True), (firm, {}, False), (lost, held, False)):
-        rubs = gliding(cart(joint=joint), **more)
+    firm, held = ' solimpfriction=".9999 .9999"', afl.Imperfections(dry_friction={"x": 1.0})
+    for more, own, said in (("", IDEAL, True), (firm, IDEAL, False), ("", held, False)):
+        rubs = gliding(cart(joint=f' frictionloss="2"{more}'), imperfections=own)
         told = remarks_on(afl.simulate_mujoco(rubs, idle), rubs, as_controller(idle))
         assert any(one.startswith("x creeps under the frictionloss") for one in told) == said
 
