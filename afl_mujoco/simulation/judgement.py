@@ -372,10 +372,10 @@ def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Ite
         for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
             moved = abs((one.margin or 0.0) - (then.margin or 0.0))
             if one.met != then.met or moved > MOVED:
-                margin = "not met" if then.margin is None else f"its margin is {then.margin:.2g}"
+                left = "none" if then.margin is None else f"{_digits(100.0 * then.margin, 2)} %"
                 yield (
-                    f"{one.requirement} depends on the physics step: at {1e3 * step:.3g} ms "
-                    f"{margin}; try a finer timestep"
+                    f"{one.requirement} depends on the physics step: at {1e3 * step:.3g} ms its "
+                    f"margin is {left}; try a finer timestep"
                 )
 
 
