@@ -325,8 +325,8 @@ def _creeping(scenario: Scenario) -> Iterator[str]:
     for name, creeps in zip(scenario.plant.coordinates, soft, strict=True):
         if creeps and not scenario.imperfections.at(f"dry_friction.{name}"):
             yield (
-                f"{symbol(name)} creeps under the frictionloss of the MJCF, by its solimpfriction, "
-                f"where dry friction would hold it: as dry_friction.{name} it does"
+                f"{symbol(name)} creeps under the frictionloss of the MJCF, whose solimpfriction "
+                f"is soft: dry_friction.{name} holds it"
             )
 
 

@@ -190,11 +190,11 @@ def run_case(unit: Request) -> Case:
     }
     if (nominal := CONTROLLERS.get(f"{controller.name}-nominal")) is not None:
         runs[NOMINAL, False] = run_all(nominal, [scenario], deployed)
-    shares = {(ESTIMATED, True): tuple(_off(scenario, one) for one in followed)}
+    off = tuple(_off(scenario, one) for one in followed)
     loops = [
         Loop(
             parameters=parameters, noise=noise, runs=tuple(numbered(some)),
-            off=shares.get((parameters, noise), ()),
+            off=off if (parameters, noise) == (ESTIMATED, True) else (),
         )
         for (parameters, noise), some in runs.items()
     ]  # fmt: skip

@@ -87,8 +87,8 @@ def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
     (CartPoleParameters, {"cart_mass": np.True_}, "cart_mass must be"),
     (CartPoleParameters, {"cart_mass": 10**400}, "cart_mass must be"),
     *((afl.Gains, {**dict.fromkeys(GAIN_NAMES, 1.0), name: value}, f"{name} must be {message}$")
-      for name in GAIN_NAMES for value, message in ((-1.0, "positive, got -1.0"),
-                                                    (math.nan, "finite, got nan"))),
+      for name in GAIN_NAMES for value, message in (
+        (0.0, "positive, got 0.0"), (-1.0, "positive, got -1.0"), (math.nan, "finite, got nan"))),
     *((CartPoleParameters, {name: value}, f"{name} must be {message}$")
       for name in ("cart_mass", "pole_mass", "half_length", "gravity") for value, message in (
         (0, "positive, got 0.0"), (float("nan"), "finite, got nan"), (True, "a number, got True"),

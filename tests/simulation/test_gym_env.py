@@ -231,6 +231,8 @@ def test_the_vector_environment_has_the_bits_of_gymnasium_s(settings, rng) -> No
 def test_the_vector_environment_is_what_gymnasium_makes_and_refuses_what_makes_no_sense() -> None:
     made = gymnasium.make_vec("afl_mujoco/CartPole-Random-v0", num_envs=3, **VECTORISED)
     assert isinstance(made.unwrapped, CartPoleVectorEnv)
+    other = gymnasium.make_vec("afl_mujoco/Scenario-v0", **VECTORISED, **PLANTS["pendulum"])
+    assert isinstance(other.unwrapped, ScenarioVectorEnv)
     with pytest.raises(gymnasium.error.ResetNeeded):
         made.step(np.zeros((3, 1)))
     seen, _ = made.reset(seed=[1, 2, 1])
@@ -352,6 +354,8 @@ def test_what_is_told_is_what_drives_exert_and_when_the_episode_ended() -> None:
         assert told["force"] == pytest.approx(0.05 * environment.high, rel=1e-12)
         np.testing.assert_array_equal(several["force"], [told["force"]] * 2)
         assert told["time"] == pytest.approx(time) and (several["time"] == told["time"]).all()
+    with pytest.raises(InvalidValueError, match="num_envs must be a whole number"):
+        ScenarioVectorEnv(1.5)
     vector.reset(seed=np.int64(4))
     with pytest.raises(InvalidValueError, match=r"actions must be numbers, got \['a'\]"):
         vector.step(["a"])

@@ -84,6 +84,7 @@ def test_what_goes_beyond_all_bounds_at_the_start_ends(name, start, smooth_scena
     *((name, {"timestep": 0.003, "control_period": 0.01},
        "timestep 0.003 s must divide control_period 0.01 s") for name in ("sampled", "ode held")),
     ("ode held", {"substeps": 0}, "substeps must be at least 1, got 0"),
+    ("ode held", {"substeps": 1.5}, "substeps must be a whole number, got 1.5"),
     ("continuous", {"timestep": -1e-3}, "timestep must be positive, got -0.001"),
     ("ode", {"sample_period": 1.0}, "timestep must be within 0.8 s, got 1.0"),
     ("ode", {"method": "Euler"}, "method must be one of DOP853, Radau, RK45, LSODA"),

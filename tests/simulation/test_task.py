@@ -60,6 +60,7 @@ ROUGH = afl.Imperfections(
     damping={"z": 1.0, "phi": 1e-3}, dry_friction={"z": 0.5}, tip_mass_share=0.1,
     parameter_delay=0.03, end_stops={"z": 3.0}, seed=5,
 )  # fmt: skip
+AT_100_HZ = _short("step-step", 0.3, imperfections=afl.Imperfections(control_period=0.01))
 LESS = afl.Imperfections(delay=0.0025, lag=0.002, noise=1e-4, encoder_step=1e-4, damping=1e-3)
 LEANS = _short("step-step", 1.2, initial_state=(0.0, 0.3, 0.0, 0.0), imperfections=ROUGH)
 
@@ -74,13 +75,12 @@ def test_with_imperfections_it_is_the_sampled_rollout_too(scenario, name, hold):
     reference = afl.simulate_mujoco(scenario, controller, mode="sampled", **settings)
     environment = afl.load(scenario, **settings)
     policy = controller_policy(controller, scenario)
+    assert reference.outcome.kind == "completed"
     for _ in range(2):  # nothing is left of the first episode in the second
         states, step = episode(environment, policy)
-        count = min(len(states), len(reference.state[::hold]))
-        np.testing.assert_array_equal(states[:count], reference.state[::hold][:count])
-        assert count > 100 and np.abs(reference.force[~np.isnan(reference.force)]).max() > 1.0
-    seen = step.observation["position"]
-    assert not np.array_equal(seen, states[-1][: len(seen)])  # it is measured
+        np.testing.assert_array_equal(states, reference.state[::hold])
+        assert len(states) > 100 and np.nanmax(np.abs(reference.force)) > 1.0
+    assert step.observation["position"].tolist() != states[-1][: len(scenario.target)].tolist()
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -228,9 +228,11 @@ def test_the_reward_is_within_0_and_1_and_best_at_rest_upright_where_a_pole_come
 @pytest.mark.parametrize(("settings", "message"), [
     ({"scenario": "nowhere"}, "scenario must be one of nominal"),
     ({"timestep": 3e-3, "control_period": 0.01}, "timestep 0.003 s must divide control_period"),
+    ({"timestep": 7e-4, "scenario": AT_100_HZ}, "timestep 0.0007 s must divide"),
     ({"timestep": "a"}, "timestep must be a number, got 'a'"),
     ({"force_limit": 1e7}, "force_limit must be below 1e.06 N"),
     ({"random": 1.5}, "random must be a whole number, got 1.5"),
+    ({"control_period": 0.002, "scenario": AT_100_HZ}, "control_period must be that of"),
 ], ids=str)  # fmt: skip
 def test_a_setting_that_breaks_its_rule_is_named_in_one_line(settings, message):
     with pytest.raises((InvalidValueError, UnknownNameError), match=rf"^{message}.*\Z"):

@@ -87,13 +87,12 @@ def test_friction_of_the_mjcf_that_creeps_is_remarked_on() -> None:
 def test_a_requirement_that_depends_on_the_physics_step_is_remarked_on() -> None:
     """Euler goes h / 2 further; at 1000 rad/s RK4 damps what a controller alone lets ring."""
     rest = {"bands": {"x": 1e-4}, "settling_time": 0.5}
-    for law, mode, asked, said in (
-        (lambda t, x, b: 1.0, "sampled", {"max": {"x": 1.5004}}, "margin is 0.01 %"),
-        (lambda t, x, b: -1e6 * x[0], "continuous", rest, "margin is none"),
+    for law, how, asked, said in (
+        (lambda t, x, b: 1.0, {"integrator": "Euler"}, {"max": {"x": 1.5004}}, "margin is 0.01 %"),
+        (lambda t, x, b: -1e6 * x[0], {"mode": "continuous"}, rest, "margin is none"),
     ):
         glides = gliding(cart(), requirements=afl.Requirements(**asked))
-        how = "Euler" if mode == "sampled" else "RK4"
-        run = afl.simulate_mujoco(glides, law, mode, integrator=how)
+        run = afl.simulate_mujoco(glides, law, **how)
         (told,) = remarks_on(run, glides, as_controller(law))
         assert "depends on the physics step: at 0.5 ms" in told and said in told
 

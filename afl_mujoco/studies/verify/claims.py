@@ -192,7 +192,7 @@ def performance_claims(runs: Runs, tried: Readings) -> Iterator[Claim]:
     yield Claim(
         id="C8",
         claim="the impulse at 10 s is rejected",
-        figure="latest return after the impulse into 2 % of a peak, the start included [s]",
+        figure="latest return after the impulse into 2 % of the peak of the whole run [s]",
         paper=None,
         here=None if latest is None else latest - IMPULSE_TIME,
         verdict=verdict(count / of),
