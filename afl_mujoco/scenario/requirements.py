@@ -164,7 +164,7 @@ class Requirements(Checked):
             value = found.get(thing, {}).get(name)
             end, turn = ends.get(name, math.inf), turns.get(name, math.inf)
             if value is not None and plant.units[name] == "rad" and not value <= min(end, turn):
-                why = "where a run ends" if end <= turn else "as it is judged modulo a turn"
+                why = "where a run ends" if end <= turn else "as it is measured modulo a turn"
                 hint = f"{value:g} degrees is {math.radians(value):.4f} rad"
                 rule = f"must be at most {min(end, turn):.4g} rad, {why} ({hint})"
                 raise InvalidValueError(f"requirements.{thing}.{name}", rule, f"{value:g}")
@@ -176,7 +176,7 @@ class Requirements(Checked):
             if not low < least <= most:
                 rule = f"must be at most {most:g}, the largest that requirements.max.{name} allows"
                 if math.isfinite(turn):
-                    rule = f"must lie in {low:.4g} to {most:.4g}, as it is judged modulo a turn"
+                    rule = f"must lie in {low:.4g} to {most:.4g}, as it is measured modulo a turn"
                 raise InvalidValueError(f"requirements.min.{name}", rule, f"{least:g}")
         bands = bands_of(plant)
         own = {name: band for name, band in found["bands"].items() if band != bands[name]}
