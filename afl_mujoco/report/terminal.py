@@ -60,8 +60,9 @@ def _print(found: Sequence[Block], console: Console) -> None:
                 console.print(_text("\n".join(block.splitlines()[1:-1])), soft_wrap=True)
             else:
                 console.print(Markdown(re.sub(r"\]\(#[^)]*\)", "]", printable(block))))
+            console.print()
         elif isinstance(block, Section) and not block.folded:
-            console.print(_text(f"\n{block.title}", "bold"))
+            console.print(_text(block.title, "bold"))
             _print(block.blocks, console)
         elif isinstance(block, Matrix) and not block.folded:
             if block.caption:

@@ -8,6 +8,7 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import FileError
 from afl_mujoco.plants.cartpole import CART_POLE
+from afl_mujoco.report import terminal
 from afl_mujoco.report.blocks import Cell, Matrix, Section
 from afl_mujoco.simulation.judgement import Judgement
 from afl_mujoco.studies.shared.contract import find_study
@@ -17,6 +18,7 @@ from afl_mujoco.studies.shared.run import columns_of
 from afl_mujoco.studies.validate import Request, Result, report, run, verdict_of
 from afl_mujoco.studies.verify.cases import REPORTED, Settings
 from afl_mujoco.studies.verify.checks import CRITERIA
+from afl_mujoco.studies.verify.claims import GROUPS, kind
 from tests.messages import line
 from tests.study_results import record
 from tests.verification_result import make_result
@@ -100,11 +102,19 @@ def test_every_criterion_stands_with_its_worst_value_limit_margin_and_reason() -
         assert row[1].text == CRITERIA[row[0].text].reason
 
 
+def test_a_terminal_of_80_columns_shows_it_in_60_lines(monkeypatch) -> None:
+    monkeypatch.setattr(terminal, "WIDTH", 80)
+    usual = "A1 A2 A3 A5 A7 A7z B1 B2 B2b B3 B5".split()
+    checks = tuple(CRITERIA[id].judge(CRITERIA[id].limit / 15e3) for id in usual)
+    shown = report(replace(make_result(full=False), checks=checks))
+    assert len(terminal.to_text(shown.blocks).splitlines()) < 60 - 1  # and the headline
+
+
 def test_the_claims_and_the_budget_stand_with_their_numbers() -> None:
     result = make_result()
     rows = matrix(result, "C9 to C12")
     assert [row[0].text for row in rows] == [claim.id for claim in result.claims]
-    assert [row[4].text for row in rows] == [claim.verdict for claim in result.claims]
+    assert [row[4].status for row in rows] == [GROUPS[kind(x.verdict)][0] for x in result.claims]
     assert [cell.text for cell in rows[2][2:4]] == ["38.03 %", "15.4 %"]
     assert (rows[1][2].text, rows[4][3].text) == ("–", "–")
     rows = {row[0].text: row for row in matrix(make_result(), "as deployed minus the equations")}

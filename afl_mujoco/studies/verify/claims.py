@@ -164,8 +164,8 @@ def linearisation_claim() -> Claim:
         worst = max(worst, float(np.max(np.abs(found - wanted) / (1.0 + np.abs(wanted)))))
     return Claim(
         id="C1",
-        claim="with (L1), (P1) and (P2) become z″ = u, φ″ = 3/(4l) (g sin φ + u cos φ)",
-        figure="largest difference of an acceleration, relative to 1 plus its size",
+        claim="(L1) turns (P1), (P2) into z″ = u",
+        figure="largest relative difference from z″ = u, φ″ = 3/(4l) (g sin φ + u cos φ)",
         paper=0.0,
         here=worst,
         verdict=REPRODUCED if worst < EXACT else NOT_REPRODUCED,
@@ -178,7 +178,7 @@ def performance_claims(runs: Runs, tried: Readings) -> Iterator[Claim]:
     count, of, latest = _settled(runs, CASES)
     yield Claim(
         id="C2",
-        claim="the controller drives all states to zero from -60 degrees",
+        claim="from −60 degrees to rest",
         figure="latest settling of any state into 2 % of its peak, four cases [s]",
         paper=None,
         here=latest,
@@ -221,8 +221,8 @@ def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:
     said = "one of the two runs did not complete" if here is None else f"it is {here:.1f} %"
     return Claim(
         id=id,
-        claim=f"adaptive gains lower the objective of {case} by {published} %",
-        figure="improvement of the objective (O1) [%]",
+        claim=f"improvement on {case}",
+        figure="how much adaptive gains lower the objective (O1) [%]",
         paper=published,
         here=here,
         verdict=verdict_on_readings(under_d3, fits, share),
@@ -241,8 +241,8 @@ def _overshoot_and_settling(runs: Runs) -> Claim:
     cut = [a is not None and (b is None or a < b) for a, b in pairs]  # a missing one is infinite
     return Claim(
         id="C7",
-        claim="adaptive gains cut overshoot and settling time of every state in every case",
-        figure=f"metrics that decrease, 4 cases x 4 states x 2 [of {len(cut)}]",
+        claim="less overshoot, quicker settling",
+        figure=f"metrics that adaptive gains cut, 4 cases x 4 states x 2 [of {len(cut)}]",
         paper=float(len(cut)),
         here=float(sum(cut)),
         verdict=verdict(sum(cut) / len(cut), least=0.5),

@@ -27,13 +27,14 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.cases import DEPLOYED
 from afl_mujoco.studies.verify.checks import ANY, CRITERIA
-from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
+from afl_mujoco.studies.verify.claims import GROUPS, NOT_REPRODUCED, REPRODUCED, Claim, kind
 from afl_mujoco.studies.verify.explanation import SOURCES
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
 PICTURED = "step-step"  # the scenario whose runs are shown first, if it is there
+WORDS = {"good": REPRODUCED, "neutral": "in part", "bad": NOT_REPRODUCED, "open": "open"}
 PERCENT = " [%]"  # ending of the quantity of a claim that is drawn on the axis
 
 
@@ -118,13 +119,14 @@ def _number(result: Result, scenario: Scenario) -> int:
 def _claims(result: Result) -> Section:
     rows = []
     for one in result.claims:
-        verdict = Cell(one.verdict, GROUPS[kind(one.verdict)][0])
+        status = GROUPS[kind(one.verdict)][0]
+        verdict = Cell(WORDS[status], status)
         numbers = (_counted(one, one.paper, 4), _counted(one, one.here, 3))
         rows.append((one.id, one.claim, *numbers, verdict))
     ledger = Matrix(
-        caption="Here, C2 and C8: when the last state is within 2 % of its peak; C9: the "
-        "schedules won; C10: the excess over our optimum. C9 to C12 and shares of readings "
-        "are of longer computations (make claims)",
+        caption="Here, C2 and C8: when the last state is within 2 % of its peak; C3 to C6: how "
+        "much adaptive gains lower the objective; C9: the schedules won; C10: the excess over our "
+        "optimum. C9 to C12 are of make claims",
         columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
         rows=rows,
     )
