@@ -27,14 +27,14 @@ from afl_mujoco.simulation.trajectory import COMPLETED
 from afl_mujoco.studies.shared.tables import as_file, grouped, how, replay, requirements_matrix
 from afl_mujoco.studies.verify.cases import DEPLOYED
 from afl_mujoco.studies.verify.checks import ANY, CRITERIA
-from afl_mujoco.studies.verify.claims import GROUPS, NOT_REPRODUCED, REPRODUCED, Claim, kind
+from afl_mujoco.studies.verify.claims import GROUPS, Claim, kind
 from afl_mujoco.studies.verify.explanation import SOURCES
 
 if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
 PICTURED = "step-step"  # the scenario whose runs are shown first, if it is there
-WORDS = {"good": REPRODUCED, "neutral": "in part", "bad": NOT_REPRODUCED, "open": "open"}
+WORDS = {"good": "holds", "neutral": "in part", "bad": "not", "open": "open"}
 PERCENT = " [%]"  # ending of the quantity of a claim that is drawn on the axis
 
 
