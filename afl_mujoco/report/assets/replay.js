@@ -105,9 +105,10 @@
       const width = canvas.clientWidth, height = Math.round(Math.min(tallest, width * Math.min(1, Math.max(0.4, up / across))));
       canvas.style.height = `${height}px`;
       [canvas.width, canvas.height] = [width * ratio, height * ratio];
-      const draw = canvas.getContext("2d"), scale = Math.min(width / across, height / up);
+      const room = height - 18; // below it stand the marks of x
+      const draw = canvas.getContext("2d"), scale = Math.min(width / across, room / up);
       const [u, v] = run.aims.subarray(2 * frame, 2 * frame + 2);
-      const at = ([x, y]) => [width / 2 + (x - u) * scale, height / 2 - (y - v) * scale];
+      const at = ([x, y]) => [width / 2 + (x - u) * scale, room / 2 - (y - v) * scale];
       const ink = getComputedStyle(this.root).color, own = getComputedStyle(run.name, "::before").backgroundColor;
       Object.assign(canvas.dataset, { frame });
       draw.scale(ratio, ratio);
