@@ -6,13 +6,20 @@ What is compared: M, h and B, or, of accelerations, the force that is left over.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from afl_mujoco.plants.equations import Equations, Points, split
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.plants.tree import Terms, Tree, terms_of
+
+
+class Left(NamedTuple):
+    """What is left of a difference, and the mass matrices with which it is."""
+
+    rows: Floats  # equations minus tree, scaled, one row a point
+    mass: Floats  # (K, n, n), as it is where M is compared itself
 
 
 class Difference:
@@ -27,7 +34,7 @@ class Difference:
         points: Points,
     ) -> None:
         self.plant, self.equations, self.tree_of, self.points = plant, equations, tree_of, points
-        self.bodies = [*enumerate(bodies)][1:]
+        self.bodies = [(b, name or str(b)) for b, name in enumerate(bodies)][1:]
         self.trees = [tree_of(p) for p in points.p]
         self.theirs = equations.at(points, gaps=True)
         self.terms = self.terms_of(self.trees)
@@ -55,19 +62,18 @@ class Difference:
             found[:] = found.max(axis=1, keepdims=True)
         return np.where(found > 0.0, found, 1.0)
 
-    def residual(self, answers: Floats | None = None, **changed: Floats) -> Floats:
-        """Return equations minus tree, scaled, one row a point; affine in M, h and B."""
+    def residual(self, answers: Floats | None = None, **changed: Floats) -> Left:
+        """Return equations minus tree, affine in M, h and B."""
         theirs = self.theirs if answers is None else answers
         m, h, b, _ = self.terms._replace(**changed)
         if self.plant.terms:
             gaps = [x - y for x, y in zip(split(self.plant, theirs), (m, h, b), strict=True)]
             rows = [x.reshape(len(x), -1) / self.scales[:, i, None] for i, x in enumerate(gaps)]
-            return np.hstack(rows)
+            return Left(np.hstack(rows), self.terms.mass)
         pushed = m @ theirs[..., None] - b @ self.points.u[..., None]
-        found: Floats = (pushed[..., 0] + h) / self.scales[:, :1]
-        return found
+        return Left((pushed[..., 0] + h) / self.scales[:, :1], m)
 
-    def edited(self, index: Any, **change: Callable[..., Any]) -> Floats:
+    def edited(self, index: Any, **change: Callable[..., Any]) -> Left:
         """Return what is left if some of each field were what functions of it and a tree return."""
         trees = []
         for tree in self.trees:
@@ -77,11 +83,11 @@ class Difference:
             trees.append(tree._replace(**fields))
         return self.left(trees)
 
-    def left(self, trees: Sequence[Tree]) -> Floats:
+    def left(self, trees: Sequence[Tree]) -> Left:
         """Return what is left if the trees were others."""
         return self.residual(**self.terms_of(trees)._asdict())
 
-    def inertia(self, body: int, change: Callable[[Floats, Tree], Floats]) -> Floats:
+    def inertia(self, body: int, change: Callable[[Floats, Tree], Floats]) -> Left:
         """Return what is left with another inertia of a body, (3, 3) along the body's axes."""
         from scipy.spatial.transform import Rotation
 
@@ -96,11 +102,11 @@ class Difference:
             trees.append(tree._replace(body_inertia=inertias, body_iquat=quats))
         return self.left(trees)
 
-    def given(self, **changed: Floats) -> Floats:
+    def given(self, **changed: Floats) -> Left:
         """Return what is left if the equations were given other things."""
         return self.residual(self.equations.at(self.points._replace(**changed), gaps=True))
 
-    def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Floats:
+    def turned(self, turn: Floats, ours: Sequence[str] = ()) -> Left:
         """Return what is left if the equations were of `turn` times MuJoCo's coordinates."""
         q, v = self.points.q @ turn.T, self.points.v @ turn.T
         found = self.equations.at(self.points._replace(q=q, v=v), gaps=True)

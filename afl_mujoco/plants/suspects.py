@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from afl_mujoco.errors import AflMujocoError
-from afl_mujoco.plants.differences import Difference
+from afl_mujoco.plants.differences import Difference, Left
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.plants.tree import Tree
 
@@ -27,7 +27,7 @@ Said = tuple[int, str]
 """How odd a mistake is: 0 for what is missing, doubled or so, 1 for a fraction, 2 for an arbitrary
 number; and what it is, empty for none."""
 
-Suspect = tuple[str | Callable[[float], Said], Floats]
+Suspect = tuple[str | Callable[[float], Said], Left]
 """Words for all of it, or a function of the share that explains the difference; what all of it
 would leave."""
 
@@ -37,6 +37,8 @@ Part = tuple[str, str, Floats]
 NOTHING: Said = 0, ""
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
+
+SINGULAR = 1e-6  # of the least singular value of the mass matrix: accelerations may be any then
 
 SIGN, SLOPE = "the other sign", ", or what slides has another slope"
 
@@ -73,9 +75,9 @@ def _share(thing: str, c: float) -> Said:
     return 2, f"{thing} is {times} times MuJoCo's in the equations"
 
 
-def _gravity(c: float) -> Said:
+def _gravity(slides: bool, c: float) -> Said:
     odd, said = _share("gravity", c)
-    return odd, said + SLOPE * (odd == 2)
+    return odd, said + SLOPE * (slides and odd == 2)
 
 
 def _inertial(thing: str, c: float) -> Said:
@@ -114,7 +116,7 @@ class Search(Difference):
         Where nothing varies several look alike, and where a sign or a slope does: the round numbers
         first.
         """
-        if not np.isfinite(self.start).all():
+        if not np.isfinite(self.start.rows).all():
             return ""
         with np.errstate(all="ignore"):
             odd = sorted(self.bodily(), key=itemgetter(0))
@@ -133,7 +135,7 @@ class Search(Difference):
 
     def bodily(self) -> Iterator[Said]:
         """Yield what explains the difference by other numbers of the tree."""
-        if np.abs(self.start).max() < 1e-5 and np.all(
+        if np.abs(self.start.rows).max() < 1e-5 and np.all(
             self.theirs.astype(np.float32) == self.theirs
         ):
             yield 0, "the equations are in single precision"
@@ -179,7 +181,8 @@ class Search(Difference):
     def families(self) -> Iterator[list[Suspect]]:
         """Yield changes of the tree that M, h and B are linear in, one for each place of it."""
         share, twice, more = partial(partial, _share), partial(_times, 2.0), lambda x, tree: x + 1.0
-        yield [(_gravity, self.edited(..., gravity=twice))]
+        gravity = partial(_gravity, bool(self.trees[0].slides.any()))
+        yield [(gravity, self.edited(..., gravity=twice))]
         yield [(share(f"the gear of input {name}"), self.edited(k, actuator_gear=twice))
                for k, name in enumerate(self.plant.inputs)]  # fmt: skip
         for at_joint in (True, False):
@@ -212,11 +215,16 @@ class Search(Difference):
 
     def together(self, family: Sequence[Suspect]) -> Iterator[Said]:
         """Yield the same mistake at several places."""
-        steps = np.array([(left - self.start).ravel() for _, left in family]).T
-        if steps.size == 0 or len(family) < 2:
+        steps = [Left(left.rows - self.start.rows, left.mass - self.start.mass)
+                 for _, left in family]  # fmt: skip
+        rows = np.array([step.rows.ravel() for step in steps]).T
+        if rows.size == 0 or len(family) < 2:
             return
-        c = -np.linalg.lstsq(steps, self.start.ravel(), rcond=1e-9)[0]
-        if _is_left(self.start, self.start.ravel() + steps @ c):
+        c = -np.linalg.lstsq(rows, self.start.rows.ravel(), rcond=1e-9)[0]
+        every = [
+            sum(x * y for x, y in zip(c, part, strict=True)) for part in zip(*steps, strict=True)
+        ]
+        if _is_left(self.start, every):
             return
         said = [_said(say, x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
         if said and all(words for _, words in said):
@@ -398,7 +406,7 @@ class Search(Difference):
                     found = self.left([self.tree_of(row) for row in p])
                 except AflMujocoError:  # nothing is written there
                     return math.inf
-                return float(np.abs(found).max())
+                return float(np.abs(found.rows).max())
 
             moved = p.copy()
             moved[:, k] = 1.01 * p[:, k] + 0.001
@@ -406,7 +414,7 @@ class Search(Difference):
             if np.array_equal(self.equations.at(at, gaps=True), self.theirs):
                 low, high = float(one.low or 0.0), float(one.high or 0.0)
                 value = min((one.value, _least(left, low, high)), key=left)
-                if left(value) <= 1e-4 * np.abs(self.start).max():
+                if left(value) <= 1e-4 * np.abs(self.start.rows).max():
                     yield (
                         0,
                         f"stale constant: the equations have {name} = {value:.6g} whatever it is",
@@ -470,7 +478,7 @@ class Search(Difference):
         found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
         return found
 
-    def added(self, field: str, term: Floats) -> Floats:
+    def added(self, field: str, term: Floats) -> Left:
         """Return what is left if the tree had one term more."""
         return self.residual(**{field: getattr(self.terms, field) + term})
 
@@ -494,7 +502,9 @@ class Search(Difference):
         size = np.abs(right).max(axis=1, keepdims=True)
         bad = np.flatnonzero(np.abs(wrong / size).max(axis=0) > 1e-9)
         if len(bad) != 1:
-            yield from _explained(partial(_share, "every acceleration"), wrong, wrong - right)
+            yield from _explained(
+                partial(_share, "every acceleration"), _bare(wrong), _bare(wrong - right)
+            )
             shares = self.theirs / right
             if np.all(np.ptp(shares, axis=1) <= EXPLAINED * np.abs(shares - 1.0).max(axis=1)):
                 yield 0, "all accelerations have one factor, which is not 1: the determinant"
@@ -502,22 +512,29 @@ class Search(Difference):
         i = int(bad[0])
         name, inverse, start = self.plant.coordinates[i], np.linalg.inv(m)[:, i], wrong[:, i]
         say = partial(_share, f"the acceleration of {name}")
-        yield from _explained(say, start, start - right[:, i])
+        yield from _explained(say, _bare(start), _bare(start - right[:, i]))
         for term, field, x in self.parts():
             force = {"mass": lambda x: x @ right[..., None], "inputs": lambda x: -x @ u}
             pieces = inverse * (force[field](x)[..., 0] if field in force else x)
             say = partial(_share, f"the term {term} in the acceleration of {name}")
             for piece in (pieces.sum(axis=1), *pieces.T):
-                yield from _explained(say, start, start + piece)
+                yield from _explained(say, _bare(start), _bare(start + piece))
 
 
-def _explained(say: str | Callable[[float], Said], start: Floats, left: Floats) -> Iterator[Said]:
+def _bare(rows: Floats) -> Left:
+    return Left(rows, np.ones((1, 1, 1)))
+
+
+def _explained(say: str | Callable[[float], Said], start: Left, left: Left) -> Iterator[Said]:
     """Yield the words for the share of a change with which nothing is left, if there is one."""
-    step = left - start
+    step = left.rows - start.rows
     square = float(np.sum(step * step))
     if square > 0.0 and np.isfinite(square):
-        c = -float(np.sum(start * step)) / square
-        if not _is_left(start, start + c * step) and (said := _said(say, c))[1]:
+        c = -float(np.sum(start.rows * step)) / square
+        if (
+            not _is_left(start, (c * step, c * (left.mass - start.mass)))
+            and (said := _said(say, c))[1]
+        ):
             yield said
 
 
@@ -528,8 +545,15 @@ def _said(say: str | Callable[[float], Said], c: float) -> Said:
     return say(c)
 
 
-def _is_left(start: Floats, left: Floats) -> bool:
-    return not bool(np.abs(left).max() <= EXPLAINED * np.abs(start).max() + ROUNDING)
+def _is_left(start: Left, step: Sequence[Any]) -> bool:
+    """Return whether something is left after a step, or any accelerations would leave nothing."""
+    rows, mass = start.rows + step[0], start.mass + step[1]
+    if not np.abs(rows).max() <= EXPLAINED * np.abs(start.rows).max() + ROUNDING:
+        return True
+    root = np.sqrt(np.abs(np.diagonal(start.mass, axis1=1, axis2=2)))
+    scale = root[:, :, None] * root[:, None, :]
+    least = [np.linalg.svd(x / scale, compute_uv=False)[:, -1] for x in (mass, start.mass)]
+    return not bool((least[0] >= SINGULAR * least[1]).all())
 
 
 def _times(factor: float | Floats, x: Floats, tree: Tree) -> Floats:
