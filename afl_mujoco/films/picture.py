@@ -243,16 +243,16 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
     for replay, dash in zip(replays, LINES, strict=False):
         who = replay.controller
         style: Any = {"color": shades[who], "ls": dash, "lw": 1.2, "label": who}
-        courses = (*replay.state.T[:first], *replay.inputs.T)
+        courses = (*replay.run.state.T[:first], *replay.run.inputs.T)
         for i, (axis, curve) in enumerate(zip(axes, courses, strict=False)):
             thin = {"lw": 0.6} if i >= first else {}  # an input, in which noise shows
-            lines += axis.plot(replay.time, curve, **style | thin)
+            lines += axis.plot(replay.run.time, curve, **style | thin)
     count = len(lines) // len(replays)
     drives = zip(axes[first:], plant.inputs, scenario.limits, strict=False)
     for i, (axis, name, limits) in enumerate(drives):
         for limit in limits[np.isfinite(limits)]:
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
-        usual = [np.abs(x.inputs[x.time < x.end - FALLING, i]) for x in replays]
+        usual = [np.abs(x.run.inputs[x.run.time < x.end - FALLING, i]) for x in replays]
         most = 1.1 * max([*np.concatenate(usual), *np.abs(replays[0].limits(name))], default=0.0)
         axis.set_ylim(-(most or 1.0), most or 1.0)  # as a run falls, commands may diverge
     for axis, name in zip(axes, names, strict=False):

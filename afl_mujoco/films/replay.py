@@ -39,6 +39,7 @@ class Replay:
 
     plan: Scenario
     controller: str
+    run: Trajectory  # in MuJoCo, at every step: between two frames a force may peak
     time: NDArray[np.float64]
     state: NDArray[np.float64]  # shape (N, 2 n)
     ideal: NDArray[np.float64] | None  # the same of the ghost, if there is one
@@ -106,6 +107,7 @@ def record(scenario: Scenario, controller: Controller, deployment: Deployed, fps
     return Replay(
         plan=scenario,
         controller=controller.name,
+        run=run,
         time=times,
         state=between(run.time, run.state, times),
         ideal=None if ideal is None else between(ideal.time, ideal.state, times),

@@ -3,6 +3,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from matplotlib.axes import Axes
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
@@ -116,8 +117,12 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     falls = PythonController(name="falls", function=lambda time, state, belief: 0.0)
     both = [record(scenario, one, Deployed(), FPS) for one in (falls, afl.CONTROLLERS["lqr"])]
     assert both[0].end < 2.0 and not both[0].changing
+    seen, plot = [], Axes.plot
+    monkeypatch.setattr(Axes, "plot", lambda *xy, **how: seen.append(xy[2]) or plot(*xy, **how))
     draw_plots(both, (320, 180))
     assert "cart_mass [kg]" in labels
+    steps = [one.run.inputs[:, 0].tolist() for one in both]  # between two frames a force may peak
+    assert [seen[k].tolist() for k in (2, 5)] == steps
 
 
 SLIDER = """<mujoco><worldbody>{first}<body name="b">
