@@ -269,7 +269,9 @@ def report(result: Result) -> Report:
         run = next(one for one in result.runs(result.bare[name]) if one.failure)
         words = how(run.failure, own[run.scenario])
         failing.append(f"{name} {words}" + f" ({run.message})" * bool(run.message))
-    headline = _headline(result, names) if names else f"No controller survives {on} as it is."
+    passes = "passes" if any(one.judged for one in result.scenarios) else "survives"
+    none = f"No controller {passes} {on} as it is."
+    headline = _headline(result, names, passes) if names else none
     blocks: list[Block] = []
     if failing:
         blocks.append(f"With nothing added: {'; '.join(failing)}.")
@@ -289,7 +291,7 @@ def report(result: Result) -> Report:
     return Report(headline=headline, blocks=blocks)
 
 
-def _headline(result: Result, names: Sequence[str]) -> str:
+def _headline(result: Result, names: Sequence[str], passes: str) -> str:
     """Say what the study's own controller survives, and what has the least to spare."""
     ours = subject_of(names)
     single = [one for one in result.imperfections if one.name != COMBINED.name]
@@ -303,7 +305,7 @@ def _headline(result: Result, names: Sequence[str]) -> str:
     at = "none that was tried" if found.survives.fails_at is None else at
     reference = _with_unit(least, level_text(least, least.reference))
     return (
-        f"{ours} survives the reference level of {survives} of {len(acting)} imperfections; least "
+        f"{ours} {passes} the reference level of {survives} of {len(acting)} imperfections; least "
         f"to spare: {least.title} (reference {reference}, fails at {at})."
     )
 

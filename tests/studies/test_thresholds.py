@@ -157,7 +157,7 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
     failures = {name: found.runs(places)[0].failure for name, places in found.bare.items()}
     assert failures == {"lqr": "max.force", "mine": CONTROLLER_FAILED, "weak": "fell"}
     text = report(found).headline + to_text(report(found).blocks)
-    assert "No controller survives step-step as it is." in text
+    assert "No controller passes step-step as it is." in text
     assert "my own problem" in text and "misses “|F| exerted at most " in text
 
     mild = replace(near, requirements=afl.Requirements(max={"force": 60.0}))
