@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import math
 import os
 import re
 import sys
@@ -399,7 +400,10 @@ class Plant:
         slides = {name: one.get("type") == "slide" for name, one in there.joints.items()}
         lengths = {name: "m" if slides.get(name) else "rad" for name in self.coordinates}
         rates = {f"{name}_dot": f"{unit}/s" for name, unit in lengths.items()}
-        moved = {name: one.get("joint", "") for name, one in there.motors.items()}
+        moved = {
+            name: one.get("joint", "") for name, one in there.motors.items()
+            if abs(math.prod(_first(one.get(x, ""), 1.0) for x in ("gear", "gainprm"))) == 1.0
+        }  # fmt: skip
         known = {True: "N", False: "N m", None: ""}
         drives = {name: known[slides.get(moved.get(name, ""))] for name in self.inputs}
         return {**lengths, **rates, **drives, **{k: p.unit for k, p in self.parameters.items()}}
@@ -409,8 +413,8 @@ class Plant:
         """The limits that the MJCF gives inputs, by ctrlrange and by forcerange, (inputs, 2)."""
         motors, found = _Mjcf(self.model).motors, np.tile([-np.inf, np.inf], (len(self.inputs), 1))
         for i, one in enumerate(motors.get(name, {}) for name in self.inputs):
-            gain, *_ = *_numbers(one.get("gainprm", "")), 1.0
-            for kind, share in (("ctrl", 1.0), ("force", gain or 1.0)):
+            gain = _first(one.get("gainprm", ""), 1.0) or 1.0
+            for kind, share in (("ctrl", 1.0), ("force", gain)):
                 given = _numbers(one.get(f"{kind}range", ""))
                 if len(given) == 2 and one.get(f"{kind}limited", "auto") != "false":
                     least, most = sorted(x / share for x in given)
@@ -527,6 +531,10 @@ def _numbers(text: str) -> list[float]:
         return [float(x) for x in text.split()]
     except ValueError:
         return []
+
+
+def _first(text: str, default: float) -> float:
+    return next(iter(_numbers(text)), default)
 
 
 def _names(thing: str, given: Any) -> tuple[str, ...]:

@@ -89,6 +89,8 @@ class PlantModel:
         inertial = {("body", "mass"), ("body", "ipos"), ("body", "inertia")}
         masses = any((x.kind, x.field) in inertial or x.kind == "geom" for x in self.targets)
         require_compiler(spec, masses=masses)
+        drawn = (one for one in spec.geoms if one.type == mujoco.mjtGeom.mjGEOM_MESH)
+        self.weighs_meshes = any(not one.parent.explicitinertial for one in drawn)
         self._freeze_inertias()
         self.require(self.last[None])
         plain = self.compile(self.last)

@@ -421,7 +421,7 @@ class Request:
 
     def suspect(self, gap: Floats) -> str:
         """Return the usual mistake that explains the difference, tried where it is large or not."""
-        if self.model.mj_model.nmesh and gap.max() < SINGLE:
+        if self.model.weighs_meshes and gap.max() < SINGLE:
             return "MuJoCo keeps meshes in single precision: give their bodies an <inertial>"
         most = np.argsort(-gap.reshape(len(gap), -1).max(axis=1))[: SEARCHED // 2]
         few = np.unique([*most, *np.linspace(0, len(gap) - 1, SEARCHED // 2).astype(int)])

@@ -11,9 +11,9 @@ from tests.plants.plants import known
 
 pytestmark = pytest.mark.usefixtures("interpreted")
 
-ARM = """<mujoco><compiler angle="radian"/><worldbody><body name="arm">
-<joint name="arm" axis="0 1 0" damping="0.1"/><inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>
-</body></worldbody></mujoco>"""
+INERTIAL = '<inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>'
+ARM = f"""<mujoco><compiler angle="radian"/><worldbody><body name="arm">
+<joint name="arm" axis="0 1 0" damping="0.1"/>{INERTIAL}</body></worldbody></mujoco>"""
 
 
 def arm(terms, **parameters: afl.Parameter) -> afl.Plant:
@@ -54,13 +54,16 @@ def test_the_single_precision_of_a_mesh_is_named_and_numbers_that_have_it_agree(
     mesh = '<asset><mesh name="t" vertex="0 0 0 .1 0 0 0 .1 0 0 0 .1" inertia="exact"/></asset>'
     geom = '<geom type="mesh" mesh="t" contype="0" conaffinity="0"/>'
     text = ARM.replace("<worldbody>", f"{mesh}<worldbody>").replace(' damping="0.1"', "")
-    text = text.replace('<inertial pos="0 0 -1" mass="1" diaginertia="1 1 1"/>', geom)
+    text = text.replace(INERTIAL, geom)
     for a, said in ((0.1, "keeps meshes in single precision"), (float(np.float32(0.1)), "obeys")):
         s = 1000.0 * a**4 / 6.0
         falling = arm(lambda q, v, p, s=s, a=a: (
             ((0.2 * s * a,),), (-9.81 * 0.25 * s * (math.cos(q[0]) + math.sin(q[0])),), ((),),
         ))  # fmt: skip
         assert said in afl.check(replace(falling, model=text), 50).headline
+    falling = arm(swinging(9.81 * (1.0 + 1e-7), -0.1))
+    drawn = replace(falling, model=text.replace(geom, geom + INERTIAL))
+    assert "gravity is" in afl.check(drawn, 50).headline  # the mesh weighs nothing
 
 
 def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> None:
