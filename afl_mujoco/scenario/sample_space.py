@@ -64,14 +64,18 @@ class SampleSpace:
         names = self.scenario.plant.coordinates
         for name, x in zip(names, self.scenario.initial_state, strict=False):
             self._require_within_stop(name, x)
-        for corner in (0.0, 1.0):
-            self.scenario_of(np.full(self.dimension, corner), 0, 0)
+        _ = self.corners  # raises where a sample would
 
     def _require_within_stop(self, name: str, x: float) -> None:
         key, unit = f"end_stops.{name}", self.scenario.plant.units[name]
         stop = self.varied[key][0] if key in self.varied else self.scenario.hardware(key)
         farthest = max(map(abs, self.varied.get(name, (x, x))))
         require_within_stop(f"initial_state {name}", farthest, stop, f"the shortest {key}", unit)
+
+    @property
+    def corners(self) -> list[Scenario]:
+        """Return the scenarios with everything at its least, and at its largest."""
+        return [self.scenario_of(np.full(self.dimension, x), 0, 0) for x in (0.0, 1.0)]
 
     @property
     def varied(self) -> Mapping[str, Range]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.errors import AflMujocoError
+from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import symbol
 from afl_mujoco.scenario.requirements import asked_of, calm, recoveries
@@ -102,6 +103,18 @@ def ranges_of(plant: Plant) -> Floats:
     """Return the range that the MJCF gives each coordinate, infinite where none, shape (n, 2)."""
     m = plant_model(plant).mj_model
     return np.where(m.jnt_limited[:, None], m.jnt_range, (-np.inf, np.inf))
+
+
+def require_start(scenario: Scenario) -> None:
+    """Raise if a run starts beyond the range of a joint in the MJCF, where MuJoCo pushes it in."""
+    plant = scenario.plant
+    for name, x, (low, high) in zip(
+        plant.coordinates, scenario.initial_state, ranges_of(plant), strict=False
+    ):
+        if not low <= x <= high:
+            unit = plant.units[name]
+            rule = f"must lie within its range in the MJCF, {low:.4g} to {high:.4g} {unit}"
+            raise InvalidValueError(f"initial_state {name}", rule, f"{x:g} {unit}")
 
 
 def stops_of(scenario: Scenario) -> dict[int, tuple[float, float]]:
@@ -219,11 +232,20 @@ LONG_WAIT, LONG = 0.05, 0.1
 """Share of a run that nobody means as a delay or a control period, if it is so long [s]."""
 
 
-def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> list[str]:
-    """Return remarks on a run that no requirement makes, one sentence each."""
+def remarks_on(
+    run: Trajectory, scenario: Scenario, controller: Controller, which: str = ""
+) -> list[str]:
+    """Return remarks on a run that no requirement makes, one sentence each; `which` says of what.
+
+    What is so of every run of the scenario goes without.
+    """
     ours = scenario.is_cart_pole
     of_plants = controller.remarks(scenario) if ours else beyond(scenario.plant, scenario.spans)
     own = scenario.imperfections
+    of_run = itertools.chain(
+        _ended(scenario, run), _stopped(scenario, run), _limited(scenario, run),
+        _odd(scenario, run), _stepped(scenario, run, controller),
+    )  # fmt: skip
     return [
         *of_plants,
         *_prescribed(scenario),
@@ -234,12 +256,8 @@ def remarks_on(run: Trajectory, scenario: Scenario, controller: Controller) -> l
         ),
         *unit_remarks(scenario, run.control_period),
         *_outliving(controller),
-        *_ended(scenario, run),
-        *_stopped(scenario, run),
-        *_limited(scenario, run),
         *_creeping(scenario),
-        *_odd(scenario, run),
-        *_stepped(scenario, run, controller),
+        *(which + remark for remark in of_run),
     ]
 
 
@@ -372,10 +390,13 @@ def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Ite
         for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
             moved = abs((one.margin or 0.0) - (then.margin or 0.0))
             if one.met != then.met or moved > MOVED:
-                left = "none" if then.margin is None else f"{_digits(100.0 * then.margin, 2)} %"
+                here, left = (
+                    "none" if x.margin is None else f"{_digits(100.0 * x.margin, 2)} %"
+                    for x in (one, then)
+                )
                 yield (
-                    f"{one.requirement} depends on the physics step: at {1e3 * step:.3g} ms its "
-                    f"margin is {left}; try a finer timestep"
+                    f"{one.requirement} depends on the physics step: its margin is {here}, at "
+                    f"{1e3 * step:.3g} ms {left}; try a finer timestep"
                 )
 
 

@@ -31,6 +31,7 @@ from afl_mujoco.simulation.integrator import (
     integrate,
     longest_step_of,
 )
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.mujoco_model import (
     SimulatedModel,
     carried_momenta,
@@ -372,6 +373,7 @@ def simulate_mujoco(
     if mode != "sampled":
         require_not_held(mode, control_period, integrator)
         scenario.require_ideal()
+        require_start(scenario)
         require_stateless(controller, f"{mode} mode")
     ticks = ticks_of(scenario, timestep, control_period)
     model = SimulatedModel(

@@ -23,6 +23,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import ticks_of
 from afl_mujoco.simulation.bound_controllers import bound
 from afl_mujoco.simulation.drawing import drawn_model
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled.episode import World
 from afl_mujoco.simulation.sampled.runs import fine_enough
@@ -337,6 +338,8 @@ def load(
     scenario = as_scenario(scenario)
     drawn = require_switch("randomize", randomize)
     space = SampleSpace(with_ranges(scenario, start=True)) if drawn else None
+    for corner in space.corners if space else ():
+        require_start(corner)
     asked = ticks_of(scenario, timestep, control_period)
     ticks = fine_enough(asked, _fastest_rate(scenario, space, integrator))
     task = Balance(force_limit=force_limit, random=random, space=space)

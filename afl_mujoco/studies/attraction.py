@@ -26,7 +26,7 @@ from afl_mujoco.scenario.parameters import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, ranges_of
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, deviation
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import (
@@ -122,8 +122,12 @@ def prepare(options: Options) -> Request:
 def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0.0) -> float:
     """Return how far a state goes from its target, within end stops and what ends a run."""
     unit = scenario.plant.units[name]
-    stop = scenario.imperfections.end_stops.get(name, math.inf) - abs(scenario.about(name))
-    end = min(stop, scenario.ends_at.get(name, math.inf))
+    about, stop = scenario.about(name), scenario.imperfections.end_stops.get(name, math.inf)
+    low, high = dict(zip(scenario.plant.coordinates, ranges_of(scenario.plant), strict=True)).get(
+        name, (-math.inf, math.inf)
+    )
+    ends = stop - abs(about), high - about, about - low, scenario.ends_at.get(name, math.inf)
+    end = min(map(float, ends))
     if given is not None:
         if not require_positive("reach", given) < min(end, LARGEST_STATE):
             rule = f"must be below {min(end, LARGEST_STATE):.4g} {unit} for {name}"

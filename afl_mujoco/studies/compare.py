@@ -317,7 +317,9 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
                     for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
-            said = (*remarks_on(first, scenario, controller), *_held(scenario, controller, first))
+            which = "in draw 1, " * (len(drawn) > 1)
+            told = remarks_on(first, scenario, controller, which)
+            said = (*told, *_held(scenario, controller, first))
             if said:
                 remarks[key] = said
             curves[key] = Curves(

@@ -22,7 +22,7 @@ from afl_mujoco.scenario.imperfections import LARGEST_SEED
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.judgement import beyond
+from afl_mujoco.simulation.judgement import beyond, require_start
 from afl_mujoco.studies.shared.contract import (
     ControllerNames,
     Interrupted,
@@ -120,6 +120,8 @@ def prepare(options: Options) -> Request:
     budget = Budget(generations=generations)
     space, deployed = SampleSpace(with_ranges(asked)), Deployed(timestep=o.timestep)
     require_runs(controllers, [space.scenario], deployed)
+    for corner in space.corners:
+        require_start(corner)
     require_count("samples", samples, 1, MOST_SAMPLES)
     require_count("seed", o.seed, 0, LARGEST_SEED)
     return Request(

@@ -1,6 +1,7 @@
 """Passive physics and limits that an MJCF or a plant's `write` gives, in every way to run it."""
 
 from dataclasses import replace
+from functools import partial
 
 import gymnasium
 import numpy as np
@@ -88,13 +89,13 @@ def test_a_requirement_that_depends_on_the_physics_step_is_remarked_on() -> None
     """Euler goes h / 2 further; at 1000 rad/s RK4 damps what a controller alone lets ring."""
     rest = {"bands": {"x": 1e-4}, "settling_time": 0.5}
     for law, how, asked, said in (
-        (lambda t, x, b: 1.0, {"integrator": "Euler"}, {"max": {"x": 1.5004}}, "margin is 0.01 %"),
-        (lambda t, x, b: -1e6 * x[0], {"mode": "continuous"}, rest, "margin is none"),
+        (lambda t, x, b: 1.0, {"integrator": "Euler"}, {"max": {"x": 1.5004}}, "at 0.5 ms 0.01 %"),
+        (lambda t, x, b: -1e6 * x[0], {"mode": "continuous"}, rest, "at 0.5 ms none"),
     ):
         glides = gliding(cart(), requirements=afl.Requirements(**asked))
         run = afl.simulate_mujoco(glides, law, **how)
         (told,) = remarks_on(run, glides, as_controller(law))
-        assert "depends on the physics step: at 0.5 ms" in told and said in told
+        assert "depends on the physics step: its margin is" in told and said in told
 
 
 @pytest.mark.parametrize(("stiffness", "mode"), [(2.5e5, "sampled"), (2.5e6, "continuous")])
@@ -129,6 +130,22 @@ def test_limits_that_cannot_be_read_or_are_of_a_joint_are_refused_and_a_gain_tur
     for simulate in (afl.simulate_mujoco, afl.simulate_ode, afl.simulate_ode_held):
         with pytest.raises(InvalidValueError, match="<joint 'x' actuatorfrcrange> would limit inp"):
             simulate(gliding(limited), idle)
+
+
+def test_a_run_starts_within_the_range_of_the_mjcf_wherever_it_is_started() -> None:
+    """MuJoCo would throw it back."""
+    ranged = cart(joint=' range="-0.2 0.3"')
+    out = gliding(ranged, initial_state={"x": 0.4})
+    drawn = gliding(ranged, ranges={"x": (0.0, 0.4)})
+    said = r"^initial_state x must lie within its range in the MJCF, -0.2 to 0.3 m, got 0.4 m$"
+    starts = [partial(afl.simulate_mujoco, mode=mode) for mode in ("sampled", "exact")]
+    starts += [lambda scenario, law: afl.run_all(law, scenario)]
+    for start in starts:
+        with pytest.raises(InvalidValueError, match=said):
+            start(out, idle)
+    for scenario, how in ((out, {}), (drawn, {"randomize": True})):
+        with pytest.raises(InvalidValueError, match=said):
+            afl.load(scenario, **how).reset()
 
 
 def test_an_end_stop_beyond_the_range_of_the_mjcf_leaves_that_range() -> None:

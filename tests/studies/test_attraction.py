@@ -13,7 +13,7 @@ from afl_mujoco.simulation.judgement import judge
 from afl_mujoco.studies import attraction
 from afl_mujoco.studies.attraction import run
 from afl_mujoco.studies.shared.run import run_all
-from tests.plants.plants import known
+from tests.plants.plants import cart, known
 
 STEP = afl.staircase([1.0], [8.0, 10.0])
 RIG = afl.Scenario(
@@ -84,6 +84,11 @@ def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_cal
     monkeypatch.setattr(attraction, "find_scenario", lambda name: far)
     about = attraction.prepare(attraction.Options(axes=("shoulder", "elbow"), grid=3)).angles
     assert about[1] == pytest.approx(6.2 - 2.0 * np.pi) and about.max() < np.pi
+    short = cart(joint=' range="-0.2 0.3"')
+    rail = afl.Scenario(name="rail", plant=short, requirements=afl.Requirements(target={"x": 0.1}))
+    monkeypatch.setattr(attraction, "find_scenario", lambda name: rail)
+    found = attraction.prepare(attraction.Options(axes=("x", "x_dot"), grid=3)).angles
+    assert found == pytest.approx([0.1 - 0.19, 0.1, 0.1 + 0.19])
 
 
 def test_a_controller_that_fails_fails_there_only_and_a_fall_is_a_fall() -> None:

@@ -15,6 +15,7 @@ from afl_mujoco.scenario.belief import TRUTH
 from afl_mujoco.scenario.ranges import scheduled_columns
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP, instants, last_step, step_times
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.mujoco_model import SimulatedModel, read_numbers, read_state, write_state
 from afl_mujoco.simulation.sampled.hardware import (
     RUNNING,
@@ -116,6 +117,7 @@ class World:
 
     def follow(self, scenario: Scenario, episode: Episode | None = None) -> None:
         """Take a scenario of the plant, of which the episode may be known; `begin` starts it."""
+        require_start(scenario)
         self.scenario = scenario
         times = step_times(scenario.duration, self.timestep)
         self.last = len(times) - 1  # instant of the horizon

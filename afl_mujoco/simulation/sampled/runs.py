@@ -27,6 +27,7 @@ from afl_mujoco.scenario.time_steps import (
     step_times,
     ticks_of,
 )
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.simulation.sampled import loop
 from afl_mujoco.simulation.sampled.hardware import (
@@ -214,6 +215,7 @@ def simulate_sampled(
         r, integrator = scenario.imperfections, deployed.integrator
         model = SimulatedModel(scenario.plant, integrator=integrator, imperfections=r)
         model.compute_only()
+    require_start(scenario)
     timing = timing_of(scenario, model, deployed)
     prepared = prepare(model, scenario, controller, timing)
     run, rows = perform(model, prepared, controller, estimates=estimates)

@@ -30,6 +30,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed, ticks_of
 from afl_mujoco.simulation.bound_controllers import bound
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.trajectory import controller_inputs
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_all
@@ -66,6 +67,7 @@ def require_runs(
     require_distinct("scenario", [scenario.name for scenario in scenarios])
     require_integrator(deployed.integrator)
     for scenario in scenarios:
+        require_start(scenario)
         ticks_of(scenario, deployed.timestep, deployed.control_period)
         for controller in controllers:
             own = bound(controller, scenario)  # raises where it is of another plant
