@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.pool import interrupts_noted, is_interrupt
+
+
+class Parser(argparse.ArgumentParser):
+    """Options of a command, of which one that is wrong is told in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise what `run_command` prints."""
+        raise AflMujocoError(self.prog, f"cannot take that: {message} (--help lists its options)")
 
 
 def run_command(command: Callable[[], None]) -> None:

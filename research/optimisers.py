@@ -39,7 +39,7 @@ from afl_mujoco.files import output_folder, write_text
 from afl_mujoco.pool import compute_all, open_executor
 from afl_mujoco.report.figures import save_figure
 from research.batch import closed_loop_terms, penalised_objective
-from research.command import run_command
+from research.command import Parser, run_command
 from research.gain_tuning import GAIN_BOX, HORIZON, Cost, gain_cost, paper_scales
 from research.genetic import Box, FloatArray, GeneticSettings, MultipleCrossoverGA
 
@@ -673,9 +673,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the contest, print its tables and write its files."""
     from research.figures import draw_contest
 
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=Benchmark().runs)
     parser.add_argument("--budget", type=int, default=Benchmark().budget)
     parser.add_argument("--seed", type=int, default=Benchmark().seed)

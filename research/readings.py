@@ -10,7 +10,6 @@ of 5 cm is stiff: --timestep 0.00025). A full run takes 25 minutes on two cores,
 
 from __future__ import annotations
 
-import argparse
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +30,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.studies.shared.record import versions
 from afl_mujoco.studies.shared.search import Budget, minimise
 from research.batch import closed_loop_terms
-from research.command import run_command
+from research.command import Parser, run_command
 from research.gain_tuning import GAIN_BOX
 from research.genetic import LARGEST_SEED
 from research.paper import (
@@ -594,7 +593,7 @@ def write(result: Result, folder: Path) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(prog="make readings", description=__doc__)
+    parser = Parser(prog="make readings", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two minutes instead of 25")
     parser.add_argument("--seed", type=int, default=0, help="of everything drawn")
     parser.add_argument("--workers", type=int, default=min(2, os.cpu_count() or 1))

@@ -31,7 +31,7 @@ from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.mujoco_rollout import simulate_mujoco
 from afl_mujoco.studies.verify.claims import with_objective
-from research.command import run_command
+from research.command import Parser, run_command
 from research.figures import draw_gain_table, fits_of
 from research.gain_tuning import (
     FITS,
@@ -120,7 +120,7 @@ def units_of(options: argparse.Namespace, checkpoints: Path | None) -> list[Pair
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line."""
-    parser = argparse.ArgumentParser(prog="make tune", description=__doc__)
+    parser = Parser(prog="make tune", description=__doc__)
     add = parser.add_argument
     add("--quick", action="store_true", help="9 plants, population 200, 60 generations")
     add("--cart-masses", type=float, nargs="*", help="of the grid [kg]; 0.1 to 2.0 by default")

@@ -44,6 +44,7 @@ def test_an_interrupted_table_goes_on_to_the_same_bytes(tmp_path: Path, capsys) 
     (("--lower", "100", "5", "90", "--upper", "200", "1", "110"), "not be below lower 5.0"),
     (("--cart-masses",), "cart mass of the grid must have at least one value"),
     (("--upper", "1e12", "5", "110"), "would take as many steps"),
+    (("--population", "x"), "make tune cannot take that: argument --population: invalid int"),
 ])  # fmt: skip
 def test_bad_input_is_one_line(capsys, arguments: tuple[str, ...], message: str) -> None:
     refused(capsys, message, *arguments)
