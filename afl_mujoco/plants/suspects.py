@@ -9,6 +9,7 @@ have no name.
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -154,7 +155,7 @@ class Search(Difference):
         single: Iterator[Suspect] = (
             (partial(_share, name), self.added(field, term)) for name, field, term in self.rows
         )
-        yield from self.explaining(single, self.factors())
+        yield from self.explaining(single, self.quarters(), self.factors())
         if not self.plant.terms:
             yield from self.single_accelerations()
 
@@ -481,6 +482,20 @@ class Search(Difference):
     def added(self, field: str, term: Floats) -> Left:
         """Return what is left if the tree had one term more."""
         return self.residual(**{field: getattr(self.terms, field) + term})
+
+    def quarters(self) -> Iterator[Suspect]:
+        """Yield one term with the sine of a hinge in place of its cosine, or the other way."""
+        for i, name in enumerate(self.plant.coordinates):
+            for turn in () if self.trees[0].slides[i] else (0.5 * math.pi, -0.5 * math.pi):
+                other = copy.copy(self)
+                other.__dict__.pop("rows")
+                q = self.points.q + turn * np.eye(len(self.plant.coordinates))[i]
+                other.points = self.points._replace(q=q)
+                other.terms = other.terms_of(self.trees)
+                for (term, field, here), (_, _, there) in zip(self.rows, other.rows, strict=True):
+                    if not np.array_equal(here, there):
+                        said = f"{term} has sine and cosine of {name} exchanged in the equations"
+                        yield said, self.added(field, there - here)
 
     def factors(self) -> Iterator[Suspect]:
         """Yield one term that has a parameter as a factor once too often, or too seldom."""

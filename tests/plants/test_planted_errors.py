@@ -68,6 +68,10 @@ MISTAKES = {
     "coupling of the mass matrix": (TWO, "p.I2 + k * c2\n", "p.I2\n", ""),
     "sign of the coupling": (QUAD, "(ml * cos(a), ml * sin(a), 0.0, ml",
         "(-ml * cos(a), ml * sin(a), 0.0, ml", "cable x has the other sign"),
+    "cosine for sine": (QUAD, "0.0, ml * p.gravity * sin(a))", "0.0, ml * p.gravity * cos(a))",
+        "gravity has sine and cosine of cable exchanged in the equations"),
+    "cosine for sine of a Coriolis term": (TWO, "-2 * k * s2 * v[0] * v[1] ",
+        "-2 * k * c2 * v[0] * v[1] ", "elbow_dot has sine and cosine of elbow exchanged"),
     "stale constant": (QUAD, "total, ml = p.mass + p.load", "total, ml = 1.0 + p.load",
         "stale constant: the equations have mass = 1 "),
     "grams": (QUAD, "p.load * p.length\n", "p.load / 1000 * p.length\n", ""),
@@ -183,7 +187,7 @@ def test_other_coordinates_throughout_are_named(file, changes, named, tmp_path: 
 
 def test_most_mistakes_have_a_name_as_have_those_of_the_published_model(tmp_path) -> None:
     assert "MuJoCo obeys the equations" in found(tmp_path, PAPER)
-    assert len(MISTAKES) >= 52 and sum(bool(named) for *_, named in MISTAKES.values()) >= 44
+    assert len(MISTAKES) >= 54 and sum(bool(named) for *_, named in MISTAKES.values()) >= 46
     result = afl.check(f"{EXAMPLES / TWO}:published", samples=200)
     assert "inertia about another point" in result.headline
     assert "I - m r^2 of body upper" in result.headline
