@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ import afl_mujoco as afl
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.control.estimator import EstimatedController, EstimatorSettings
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
+from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.simulation.sampled.runs import simulate_estimated
 from afl_mujoco.studies.estimation import CASES
@@ -85,13 +87,10 @@ def settings_for(rig: Imperfections, **changes: Any) -> EstimatorSettings:
     return EstimatorSettings(position_noise=z, angle_noise=phi, **changes)
 
 
-def estimated(
-    scenario: Scenario, rig: Imperfections, settings: EstimatorSettings | None = None
-) -> Run:
-    law = EstimatedController(
-        name="estimated", controller=TOLD, settings=settings or settings_for(rig)
-    )
-    found = simulate_estimated(replace(scenario, imperfections=rig), law)
+def estimated(scenario: Scenario, settings: EstimatorSettings | None = None) -> Run:
+    settings = settings or settings_for(scenario.imperfections)
+    law = EstimatedController(name="estimated", controller=TOLD, settings=settings)
+    found = simulate_estimated(scenario, law)
     ticks = found.time[1:]
     before = ticks - 0.5e-3
     truth = np.stack([scenario.cart_mass(before), scenario.half_length(before)], axis=1)
@@ -104,10 +103,12 @@ def told(scenario: Scenario, rig: Imperfections, law: Controller = TOLD) -> Run:
     return Run(run, np.empty(0), np.empty((0, 2)))
 
 
-def seeded(rig: Imperfections, seeds: int) -> list[Imperfections]:
-    """The same rig under several noises; once where there is none."""
-    count = seeds if rig.at("noise.z") or rig.at("noise.phi") else 1
-    return [replace(rig, seed=seed) for seed in range(count)]
+def several(
+    scenario: Scenario, rig: Imperfections, seeds: int, settings: EstimatorSettings | None = None
+) -> list[Run]:
+    """Runs of several noises and starts within an encoder's step; one where there is neither."""
+    draws = draws_of(replace(scenario, imperfections=rig), random=seeds)
+    return [estimated(one, settings) for one in draws]
 
 
 def rms(runs: Sequence[Run], first: float, last: float) -> Array:
@@ -123,7 +124,7 @@ def cases(seeds: int) -> None:
         for law in ("adaptive", "fixed", "adaptive-nominal", "fixed-nominal"):
             show_case(law, [told(scenario, IDEAL, afl.CONTROLLERS[law])])
         for label, rig in RIGS.items():
-            runs = [estimated(scenario, one) for one in seeded(rig, seeds)]
+            runs = several(scenario, rig, seeds)
             show_case(f"estimated, {label}", runs)
 
 
@@ -156,8 +157,10 @@ def start(seeds: int) -> None:
         print(f"  control period {1e3 * period:g} ms; with true M and l {alive}/36 survive")
         for label, (mass, length) in beliefs.items():
             settings = settings_for(rig, initial_cart_mass=mass, initial_half_length=length)
-            nine = [estimated(s, rig, settings) for s in afl.SCENARIOS.values()]
-            runs = [estimated(s, rig, settings) for s in plants]
+            nine, runs = (
+                [estimated(replace(s, imperfections=rig), settings) for s in some]
+                for some in (afl.SCENARIOS.values(), plants)
+            )
             pairs = [(r, t) for r, t in zip(runs, oracle, strict=True) if r.survived]
             ratio = max(r.largest_force / t.largest_force for r, t in pairs)
             force = max(r.largest_force for r in nine)
@@ -186,7 +189,7 @@ def pulse(seeds: int) -> None:
     for label, rig in (("no noise", IDEAL), ("usual", USUAL)):
         for case in CASES:
             scenario = afl.SCENARIOS[f"{case}-impulse"]
-            runs = [estimated(scenario, one) for one in seeded(rig, seeds)]
+            runs = several(scenario, rig, seeds)
             text = "  ".join("{:.2f}/{:.2f}".format(*rms(runs, *span)) for span in spans)
             after = np.mean([peaks(r) for r in runs], axis=0)
             was = peaks(told(scenario, IDEAL))
@@ -211,7 +214,7 @@ def rest(seeds: int) -> None:
         for mass in (0.1, 0.5, 2.0):
             for length in (0.05, 0.2, 1.0):
                 plant = constant_plant(mass, length)
-                runs = [estimated(plant, one, settings) for one in seeded(USUAL, seeds)]
+                runs = several(plant, USUAL, seeds, settings)
                 errors = np.array([[r.at(t) for t in (4.0, 8.0, 20.0)] for r in runs])
                 means = "   ".join(f"{m:+.2f}/{x:+.2f}" for m, x in errors.mean(axis=0))
                 spread = "{:.2f}/{:.2f}".format(*errors[:, -1].std(axis=0))
@@ -253,12 +256,9 @@ def rig(seeds: int) -> None:
         changes = {"cart_mass_accuracy": accuracy, "half_length_accuracy": accuracy}
         lines[f"accuracy claimed {accuracy:g}"] = ({}, settings_for(USUAL, **changes))
     for label, (has, settings) in lines.items():
-        runs = [
-            estimated(afl.SCENARIOS[case], one, settings)
-            for case in CASES
-            for one in seeded(USUAL.changed(has), seeds)
-        ]
-        print(f"  {label:<30} {summary(runs)}")
+        own = USUAL.changed(has)
+        runs = [several(afl.SCENARIOS[case], own, seeds, settings) for case in CASES]
+        print(f"  {label:<30} {summary([*chain(*runs)])}")
 
 
 def summary(runs: Sequence[Run]) -> str:
@@ -284,12 +284,13 @@ def drive(seeds: int) -> None:
     }
     print(f"  {'':<20} {'true M and l':<22} {'force commanded':<28} force sensed")
     for label, has in drives.items():
-        rigs = seeded(USUAL.changed(has), seeds)
-        pairs = [(afl.SCENARIOS[case], one) for case in CASES for one in rigs]
-        texts = [summary([told(*pair) for pair in pairs])]
+        own = USUAL.changed(has)
+        rigs = [replace(afl.SCENARIOS[case], imperfections=own) for case in CASES]
+        draws = [*chain(*(draws_of(one, random=seeds) for one in rigs))]
+        texts = [summary([told(one, one.imperfections) for one in draws])]
         for sensed in (False, True):
             settings = settings_for(USUAL, force_sensed=sensed)
-            texts.append(summary([estimated(*pair, settings) for pair in pairs]))
+            texts.append(summary([estimated(one, settings) for one in draws]))
         print(f"  {label:<20} {texts[0]:<22} {texts[1]:<28} {texts[2]}")
 
 

@@ -488,7 +488,7 @@ class Search(Difference):
         for i, name in enumerate(self.plant.coordinates):
             for turn in () if self.trees[0].slides[i] else (0.5 * math.pi, -0.5 * math.pi):
                 other = copy.copy(self)
-                other.__dict__.pop("rows")
+                other.__dict__.pop("rows", None)
                 q = self.points.q + turn * np.eye(len(self.plant.coordinates))[i]
                 other.points = self.points._replace(q=q)
                 other.terms = other.terms_of(self.trees)

@@ -111,7 +111,8 @@ def require_start(scenario: Scenario) -> None:
     for name, x, (low, high) in zip(
         plant.coordinates, scenario.initial_state, ranges_of(plant), strict=False
     ):
-        if not low <= x <= high:
+        slack = 0.5 * scenario.imperfections.at(f"encoder_step.{name}")  # of a draw
+        if not low - slack <= x <= high + slack:
             unit = plant.units[name]
             rule = f"must lie within its range in the MJCF, {low:.4g} to {high:.4g} {unit}"
             raise InvalidValueError(f"initial_state {name}", rule, f"{x:g} {unit}")
