@@ -90,7 +90,7 @@ def prepare(options: Options) -> Request:
     names = o.scenarios or CASES
     for name in names:
         if name not in SCENARIOS:
-            raise UnknownNameError.among("scenario of the cart-pole", name, SCENARIOS)
+            raise UnknownNameError.among("the cart-pole's scenario", name, SCENARIOS)
     require_distinct("scenario", names)
     scenarios = [SCENARIOS[name] for name in names]
     for scenario in scenarios:
