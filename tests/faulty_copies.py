@@ -162,9 +162,8 @@ def outline(text: str, ran: Set[int]) -> str:
     """
     lines = text.splitlines()
     for node in ast.walk(ast.parse(text)):
-        if isinstance(node, ast.FunctionDef) and not any(
-            _may_run(one, ran) for one in ast.walk(node) if isinstance(one, ast.FunctionDef)
-        ):
+        inner = (one for one in ast.walk(node) if isinstance(one, ast.FunctionDef))
+        if isinstance(node, ast.FunctionDef) and not any(_may_run(one, ran) for one in inner):
             first, last = node.body[0].lineno, node.end_lineno or node.lineno
             if first > node.lineno:  # a body on lines of its own
                 lines[first - 1 : last] = [""] * (last - first + 1)
@@ -203,7 +202,11 @@ def ran_at_import(root: Path) -> dict[str, set[int]]:
     return found
 
 
-def check_all(faults, jobs, tests, checks, report):
+def say(line: str) -> None:
+    print(line, flush=True)
+
+
+def check_all(faults, jobs, tests, checks):
     """Yield each fault with what objects to it, as they come, after a copy without a fault."""
     with tempfile.TemporaryDirectory(prefix="afl-mujoco-faults-") as scratch:
         copies = Copies(Path(scratch))
@@ -214,12 +217,12 @@ def check_all(faults, jobs, tests, checks, report):
             if objected := objected or copies.verdict(copies.pristine):
                 raise ValueError(f"the copy without a fault does not pass: {objected}")
             copies.keep_compiled()
-            report(f"[{time.monotonic() - started:5.0f} s] no fault: passes")
+            say(f"[{time.monotonic() - started:5.0f} s] no fault: passes")
             tasks = {pool.submit(copies.objection, one, checks(copies, one)): one for one in faults}
             for done, task in enumerate(as_completed(tasks), start=1):
                 said = task.result() or "NOT CAUGHT"
                 elapsed = time.monotonic() - started
-                report(f"[{done}/{len(tasks)} {elapsed:5.0f} s] {tasks[task].name}: {said}")
+                say(f"[{done}/{len(tasks)} {elapsed:5.0f} s] {tasks[task].name}: {said}")
                 yield tasks[task], task.result()
         finally:
             copies.stop()

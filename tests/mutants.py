@@ -33,7 +33,7 @@ from afl_mujoco.files import write_text
 from afl_mujoco.studies.montecarlo import rate
 from afl_mujoco.studies.shared.record import versions
 from tests import faulty_copies
-from tests.faulty_copies import REPOSITORY, TimeLimitError, files_of
+from tests.faulty_copies import REPOSITORY, TimeLimitError, files_of, say
 
 RESULT = REPOSITORY / "docs" / "results" / "mutants.json"
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.toml")
@@ -349,7 +349,7 @@ def main() -> int:
 
     left = [one for one in sample if one.key not in found]
     tests = Tests(before.values(), only_likely=options.brief)
-    asked = (max(1, options.jobs), [*QUICK, *tests.files], tests.checks, say)
+    asked = (max(1, options.jobs), [*QUICK, *tests.files], tests.checks)
     for mutant, by in faulty_copies.check_all(left, *asked) if left else ():
         found[mutant.key] = found_of(mutant, KILLED if by else SURVIVED, by)
         keep()
@@ -359,10 +359,6 @@ def main() -> int:
         say(f"NOT NOTICED in {one.file}\n  - {one.was}\n  + {one.now}")
     say(json.dumps(summary(list(found.values()))))
     return 1 if missed else 0
-
-
-def say(line: str) -> None:
-    print(line, flush=True)
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from afl_mujoco.files import write_text
 from afl_mujoco.studies.shared.record import versions
-from tests.faulty_copies import BRIEF, REPOSITORY, TESTS, check_all, run_command_line
+from tests.faulty_copies import BRIEF, REPOSITORY, TESTS, check_all, run_command_line, say
 
 RESULT = REPOSITORY / "docs" / "results" / "faults.json"
 
@@ -90,10 +90,6 @@ def save(results: Mapping[str, str], path: Path) -> None:
     write_text(path, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
 
 
-def say(line: str) -> None:
-    print(line, flush=True)
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description="Plant faults and see which check catches each.")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="parts of the names of faults")
@@ -111,7 +107,7 @@ def main() -> int:
         return 0
     before = caught(RESULT)
     found = dict.fromkeys((fault.name for fault in faults), "")
-    asked = (max(1, options.jobs), TESTS, lambda *of: checks_of(before, *of), say)
+    asked = (max(1, options.jobs), TESTS, lambda *of: checks_of(before, *of))
     for fault, by in check_all(faults, *asked):
         found[fault.name] = by
     missed = [name for name, by in found.items() if not by]
