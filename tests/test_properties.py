@@ -99,12 +99,8 @@ FINE = Settings(timestep=2.5e-4, control_period=2.5e-4)
 @given(scenario=scenarios())
 def test_any_scenario_goes_the_same_way_in_both_simulators(controller, scenario) -> None:
     runs = closed_loop_runs(scenario, afl.CONTROLLERS[controller], FINE)
-    twins = {
-        "B1": ("exact", "ode"),
-        "B2b": ("continuous", "ode RK4"),
-        "B3": ("sampled", "ode held"),
-    }
-    for check, (mode, name) in twins.items():
+    twins = ("B1", "exact", "ode"), ("B2b", "continuous", "ode RK4"), ("B3", "sampled", "ode held")
+    for check, mode, name in twins:
         one, other = runs[f"mujoco {mode}"], runs[name]
         note(f"{check}: {one.outcome}, {other.outcome}")
         assert state_difference(one, other) <= CRITERIA[check].limit, check

@@ -46,8 +46,7 @@ def rk4(x, force, pole_mass, gravity, dt):
     k1 = flow(x, force, pole_mass, gravity)
     k2 = flow(x + dt / 2 * k1, force, pole_mass, gravity)
     k3 = flow(x + dt / 2 * k2, force, pole_mass, gravity)
-    k4 = flow(x + dt * k3, force, pole_mass, gravity)
-    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return x + dt / 6 * (k1 + 2 * k2 + 2 * k3 + flow(x + dt * k3, force, pole_mass, gravity))
 
 
 class Textbook:

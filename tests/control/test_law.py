@@ -20,14 +20,10 @@ STATE = (z, phi, z_dot, phi_dot)
 
 
 def _coordinates(states, p):
-    z, phi, z_dot, phi_dot = states.T
-    found = {
-        "xi1": fl.xi1(z, phi, p.half_length),
-        "xi2": fl.xi2(z_dot, phi, phi_dot, p.half_length),
-    }
-    for name in ("xi3", "xi4", "alpha", "beta"):
-        found[name] = getattr(fl, name)(phi, phi_dot, p.half_length, p.gravity)
-    return found
+    (z, phi, z_dot, phi_dot), names = states.T, ("xi3", "xi4", "alpha", "beta")
+    rest = {x: getattr(fl, x)(phi, phi_dot, p.half_length, p.gravity) for x in names}
+    xi2 = fl.xi2(z_dot, phi, phi_dot, p.half_length)
+    return {"xi1": fl.xi1(z, phi, p.half_length), "xi2": xi2, **rest}
 
 
 def test_the_sliding_variable_is_l8_and_the_force_l9_and_l10_in_l1(random_states, odd_parameters):
@@ -65,8 +61,7 @@ def test_outside_its_domain_it_is_an_error_that_names_the_angle(function, phi, o
 
 
 def _rate(expression):
-    pole = 3 / (4 * length) * (g * sp.sin(phi) + u * sp.cos(phi))
-    flow = (z_dot, phi_dot, u, pole)
+    flow = (z_dot, phi_dot, u, 3 / (4 * length) * (g * sp.sin(phi) + u * sp.cos(phi)))
     return sum(expression.diff(x) * f for x, f in zip(STATE, flow, strict=True))
 
 

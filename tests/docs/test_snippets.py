@@ -15,8 +15,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def snippet(page: str, kind: str = "python") -> str:
-    text = (ROOT / page).read_text(encoding="utf-8")
-    return text.split(f"```{kind}\n")[1].split("```")[0]
+    return (ROOT / page).read_text(encoding="utf-8").split(f"```{kind}\n")[1].split("```")[0]
 
 
 def run(text: str, folder: Path) -> str:

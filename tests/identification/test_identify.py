@@ -127,9 +127,8 @@ def test_a_drive_that_is_not_linear_and_rows_that_are_too_slow_are_remarked_on()
     worse = replace(shipped.drive, scatter_phi=2.5 * shipped.pole.scatter_phi)
     one = Result(identified=replace(shipped, drive=worse, period=0.04), shown=None)
     slow, drive = [block for block in report(one).blocks if isinstance(block, str)]
-    assert slow.startswith("Rows are 40 ms apart,") and drive.startswith(
-        "The whole leaves 2.5 times"
-    )
+    assert slow.startswith("Rows are 40 ms apart,")
+    assert drive.startswith("The whole leaves 2.5 times")
     assert not [x for x in report(replace(one, identified=shipped)).blocks if isinstance(x, str)]
     bent = {"coupling": {"value": 0.98, "low": 0.97, "high": 0.99},
             "delay": {"value": 0.1, "on_bound": True}}  # fmt: skip
@@ -139,8 +138,7 @@ def test_a_drive_that_is_not_linear_and_rows_that_are_too_slow_are_remarked_on()
     )
     pole = replace(pole, scatter_phi=3.0 * shipped.description.phi.count)
     one = Result(identified=replace(shipped, pole=pole, drive=drive), shown=None)
-    said = [block[:26] for block in report(one).blocks if isinstance(block, str)]
-    assert said == [
+    assert [block[:26] for block in report(one).blocks if isinstance(block, str)] == [
         "The pole alone leaves 3 re",
         "k is 0.98, and 1 for a rig",
         "The delay of the command i",

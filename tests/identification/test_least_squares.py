@@ -109,18 +109,16 @@ def test_what_one_log_alone_tells_has_the_interval_of_its_windows() -> None:
         return many.errors(shared[:1], starts) + shared[1] * wave
 
     both = [parameter("rate", 1.0), parameter("wave", 0.1)]
-    found = fit(
-        many._replace(errors=errors, smooth=errors), both, np.ones((60, 1)), np.array([0.01])
-    )
+    one = many._replace(errors=errors, smooth=errors)
+    found = fit(one, both, np.ones((60, 1)), np.array([0.01]))
     assert found.degrees == 59 and 1e-3 < found.errors[1] < 0.1 > abs(found.values[1])
 
 
 def test_starts_that_are_far_off_are_found_too() -> None:
     """A whole Gauss-Newton step of such a start goes too far, however small that of the rate is."""
-    times = np.linspace(0.0, 1.0, 20)
 
     def errors(shared, starts):
-        return (np.arctan(starts) + (shared[0] - 1.0) * times)[:, None]
+        return (np.arctan(starts) + (shared[0] - 1.0) * np.linspace(0.0, 1.0, 20))[:, None]
 
     far = Problem(errors, errors, np.ones((1, 1, 20)), np.zeros(1, np.int64), np.ones(1))
     found = fit(far, [parameter("rate", 1.5)], np.full((1, 1), 3.0), np.array([1e-3]))

@@ -67,8 +67,7 @@ def test_the_force_is_the_command_behind_delay_and_lag(delay: float, lag: float)
     command = log.command[np.searchsorted(log.time, fine - delay, side="right") - 1]
     command = np.where(fine < delay, log.command[0], command) - 0.05
     if lag:
-        share = 1e-5 / lag
-        command = np.array([*accumulate(command.tolist(), lambda x, c: x + share * (c - x))])
+        command = np.array([*accumulate(command.tolist(), lambda x, c: x + 1e-5 / lag * (c - x))])
     for b in (1, 3):
         for j in (0, 7, 50):
             start = windows.time[b, 0] + j * windows.step

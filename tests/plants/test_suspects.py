@@ -68,9 +68,8 @@ def test_the_single_precision_of_a_mesh_is_named_and_numbers_that_have_it_agree(
 
 def test_what_looks_alike_is_named_beside_another_and_round_numbers_first() -> None:
     """Nothing of the body varies: its armature could be its inertia, or its mass."""
-    text = ARM.replace('damping="0.1"', 'damping="0.1" armature="0.7"').replace(
-        'body name="arm"', "body"
-    )
+    text = ARM.replace('damping="0.1"', 'damping="0.1" armature="0.7"')
+    text = text.replace('body name="arm"', "body")
     said = afl.check(replace(arm(swinging(), damping=DAMPING), model=text), 50).headline
     first, *others = said.removeprefix("arm: mass matrix, arm: ").split(", or ")
     assert first == "armature of arm is 0 in the equations and 0.7 in MuJoCo"
@@ -110,9 +109,7 @@ def test_no_body_has_a_negative_inertia() -> None:
 
 def test_a_body_without_mass_explains_no_accelerations_since_it_could_have_any() -> None:
     free = ARM.replace(' damping="0.1"', "")
-    plant = replace(
-        arm(None), model=free, terms=None, accelerations=lambda q, v, u, p: (9.81 * q[0],)
-    )
+    plant = replace(arm(None), model=free, accelerations=lambda q, v, u, p: (9.81 * q[0],))
     assert "equations and MJCF differ by up to" in afl.check(plant, 50).headline
     light = replace(plant, accelerations=lambda q, v, u, p: (-4.0 * math.sin(q[0]),))
     said = afl.check(light, 50).headline

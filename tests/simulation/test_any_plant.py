@@ -41,8 +41,7 @@ def terms(q, v, p):
     ml = p.stick_mass * p.reach
     coupling = -ml * cos(q[1])
     mass = ((p.sled_mass + p.stick_mass, coupling), (coupling, 4.0 / 3.0 * ml * p.reach))
-    bias = (ml * v[1] ** 2 * sin(q[1]), -ml * p.weight * sin(q[1]))
-    return mass, bias, ((1.0,), (0.0,))
+    return mass, (ml * v[1] ** 2 * sin(q[1]), -ml * p.weight * sin(q[1])), ((1.0,), (0.0,))
 
 
 SLED = afl.Plant(
@@ -116,11 +115,7 @@ def test_without_an_end_a_pole_swings_round_and_is_measured_modulo_a_turn() -> N
     free = afl.Requirements(ends_at={}, settling_time=3.0)
     start = {"phi": 2 * np.pi - 0.05}
     turned = afl.Scenario(name="own", requirements=free, initial_state=start, duration=5.0)
-
-    def round_the_turn(time, state, belief):
-        return steady(time, (state[0], state[1] - 2 * np.pi, *state[2:]), belief)
-
-    run = afl.simulate_mujoco(turned, round_the_turn)
+    run = afl.simulate_mujoco(turned, lambda t, x, b: steady(t, x - [0, 2 * np.pi, 0, 0], b))
     assert run.outcome.kind == "completed" and run.metrics["peak_phi"] < 0.1
     hanging = replace(turned, initial_state=(0.0, 3.0, 0.0, 0.0))
     swung = afl.simulate_mujoco(hanging, lambda time, state, belief: 0.0)
@@ -184,18 +179,13 @@ def test_a_load_joins_at_rest_and_leaves_with_the_velocity_that_it_has() -> None
         schedule={"load": afl.staircase([0.2, 0.4], [0.02, 0.4, 0.02])},
         initial_state={"x_dot": 1.0, "cable": 0.3, "cable_dot": 0.5, "pitch_dot": 0.2},
     )  # fmt: skip
-
-    def off(time, state, belief):
-        return 0.0, 0.0
-
-    run = afl.simulate_mujoco(scenario, off)
-    assert np.abs(run.state - afl.simulate_ode(scenario, off).state).max() < 1e-11
+    run, ode = (f(scenario, lambda *_: (0.0, 0.0)) for f in (afl.simulate_mujoco, simulate_ode))
+    assert np.abs(run.state - ode.state).max() < 1e-11
     # nothing pushes sideways: the momentum along x of frame and load stays while the load is on
     x_dot, swing = run.state[:, 4], run.parameters["length"] * run.state[:, 7]
     load = run.parameters["load"]
     momentum = (1.0 + load) * x_dot + load * swing * np.cos(run.state[:, 3])
-    on = run.time < 0.4 - 1e-9
-    np.testing.assert_allclose(momentum[on], momentum[0], rtol=1e-9)
+    np.testing.assert_allclose(momentum[run.time < 0.4 - 1e-9], momentum[0], rtol=1e-9)
     falls = int(np.searchsorted(run.time, 0.4 - 1e-9))
     assert np.abs(run.state[falls] - run.state[falls - 1])[4:].max() < 0.1
 

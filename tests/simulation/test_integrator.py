@@ -34,8 +34,7 @@ def _run(scenario, derivative=lambda s, mass, push: (s[2], s[3], push / mass, 0.
         return derivative(state, segment.values_at(time)[0], segment.push[0])
 
     def arrive(state, before, after):
-        mass = after.values_at(after.start)[0]
-        return state + np.array([0.0, 0.0, after.impulse[0] / mass, 0.0])
+        return state + np.array([0.0, 0.0, after.impulse[0] / after.values_at(after.start)[0], 0.0])
 
     states, outcome = integrate(scenario, scipy_solver(rate, criterion_of(scenario)), arrive, times)
     return times, states, outcome

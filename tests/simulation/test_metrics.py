@@ -78,8 +78,7 @@ def test_what_a_run_did_not_show_is_none() -> None:
 
 def test_the_objective_of_its_own_scales_is_three_and_saturation_counts_time() -> None:
     figures, gains = measured(run := decaying_run()), afl.FIXED_GAINS
-    scales = ObjectiveScales(**{name: figures[name] for name in TERMS})
-    scored = with_objective(figures, scales)
+    scored = with_objective(figures, ObjectiveScales(**{name: figures[name] for name in TERMS}))
     assert scored["objective"] == 3.0 and scored.keys() == {*metric_names()}
     sliding = afl.sliding_variable(run.state, afl.CartPoleParameters(), gains)
     share = np.trapezoid((np.abs(sliding) >= gains.boundary_layer).astype(float), run.time) / 10.0

@@ -172,8 +172,7 @@ def test_an_episode_ends_at_the_duration_whose_last_period_may_be_shorter(period
 @pytest.mark.parametrize("duration", [0.486, 0.4864])
 def test_a_pole_that_falls_past_the_duration_has_not_fallen(duration):
     scenario = _short("nominal", duration, initial_state=(0.0, 0.5, 0.0, 0.0))
-    rest = PythonController(name="rest", function=lambda time, state, belief: 0.0)
-    run = afl.simulate_mujoco(scenario, rest, mode="sampled", control_period=0.1)
+    run = afl.simulate_mujoco(scenario, lambda *_: 0.0, mode="sampled", control_period=0.1)
     step, _ = played(environment := afl.load(scenario, control_period=0.1), 0.0)
     np.testing.assert_array_equal(environment.physics.world.state, run.state[-1])
     assert step.discount == 1.0

@@ -19,13 +19,8 @@ def test_an_lqr_meets_what_the_file_of_an_example_requires(name) -> None:
 def test_a_range_beyond_what_was_checked_is_told() -> None:
     file = str(EXAMPLES / "quadrotor_load.toml")
     request = montecarlo.prepare(montecarlo.Options(scenario=file, samples=1, worst_case=False))
-    short = {
-        "duration": 0.5,
-        "disturbances": (),
-        "schedule": {},
-        "requirements": afl.Requirements(),
-    }
-    varied = replace(request.space.scenario, ranges={"load": (0.02, 20.0)}, **short)
+    free = replace(request.space.scenario, requirements=afl.Requirements(), disturbances=())
+    varied = replace(free, duration=0.5, schedule={}, ranges={"load": (0.02, 20.0)})
     space = replace(request.space, scenario=varied)
     said = montecarlo.report(montecarlo.run(request._replace(space=space))).blocks
     assert "load goes from 0.02 to 20 kg, but is checked in 0.01 to 0.6." in said

@@ -97,7 +97,6 @@ def grows(loop, period, delay):
     """Return whether a held loop grows under a delay, input by input of each period."""
     whole, late = divmod(delay, period)
     n, rng = len(loop.a), np.random.default_rng(0)
-
     grown = np.vstack([np.hstack([loop.a, loop.b]), np.zeros((1, n + 1))])
     before, after = (expm(length * grown)[:n] for length in (late, period - late))
     x, sent, sizes = rng.normal(size=n), [0.0] * (int(whole) + 2), []
@@ -263,11 +262,8 @@ def test_the_disk_of_a_loop_that_hardly_decays_is_not_between_two_frequencies(da
 ], ids=str)  # fmt: skip
 def test_where_the_cart_stands_is_no_matter_also_to_sensors_that_difference_it(hardware) -> None:
     """Rounding decided of each plant whether a pole at 1, where it stands, was a stable one."""
-
-    def of_speed(time, state, p):
-        return (p.cart_mass + p.pole_mass) * np.dot((0.0, -64.0, 6.5, -29.0), state)
-
-    period, controller = 0.005, as_controller(of_speed)
+    period, gains = 0.005, (0.0, -64.0, 6.5, -29.0)
+    controller = as_controller(lambda t, x, p: (p.cart_mass + p.pole_mass) * np.dot(gains, x))
     r = Imperfections(control_period=period, **hardware)
     for mass in (0.6, 0.85, 1.1, 1.6, 2.0):
         scenario = afl.Scenario(name="s", schedule={"cart_mass": mass}, imperfections=r)

@@ -100,9 +100,8 @@ def test_a_delay_of_the_hardware_is_in_the_margins_of_the_held_force_alone() -> 
     continuous = [found.of("lqr", margins.CONTINUOUS) for found in (plain, late)]
     assert continuous[0] == continuous[1]
     told = replace(AT_REST, belief={"cart_mass": 2.0})
-    assert margins.run(margins.Request(told, [LQR], {}, 0.01)).imperfections == (
-        "belief.cart_mass = 2.0"
-    )
+    found = margins.run(margins.Request(told, [LQR], {}, 0.01))
+    assert found.imperfections == "belief.cart_mass = 2.0"
 
 
 def test_what_cannot_be_judged_takes_no_other_s_answer_away() -> None:

@@ -145,9 +145,8 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
     best, tried = minimise(cost, middle, 0.3, sample_space.search_generator(1), budget)
     assert cost([best])[0] < 0.2 * cost([middle])[0] and tried == budget.points == 961
     few = Budget(generations=3, population=6)
-    one, same, other = (
-        minimise(cost, middle, 0.3, sample_space.search_generator(x), few)[0] for x in (1, 1, 2)
-    )
+    seeded = (sample_space.search_generator(seed) for seed in (1, 1, 2))
+    one, same, other = (minimise(cost, middle, 0.3, rng, few)[0] for rng in seeded)
     assert one.tobytes() == same.tobytes() != other.tobytes()
     seen = []
 
@@ -156,9 +155,8 @@ def test_a_search_finds_a_corner_of_thirty_dimensions_and_stays_in_the_cube(capf
         return [-float(np.sum(point)) for point in points]
 
     before = np.random.get_state()[1].tobytes()  # noqa: NPY002
-    best, _ = minimise(
-        cost, np.full(5, 0.9), 0.3, sample_space.search_generator(0), Budget(generations=40)
-    )
+    rng, budget = sample_space.search_generator(0), Budget(generations=40)
+    best, _ = minimise(cost, np.full(5, 0.9), 0.3, rng, budget)
     assert np.random.get_state()[1].tobytes() == before  # noqa: NPY002
     assert (np.min(seen) >= 0.0) and (np.max(seen) <= 1.0)
     assert best.min() > 0.99 and capfd.readouterr() == ("", "")

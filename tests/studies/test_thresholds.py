@@ -189,10 +189,8 @@ def test_the_command_writes_rows_a_figure_and_a_table(tmp_path: Path, command_li
     pushing = "def push(time, state, belief):\n    return 20.0 * state[1] + 4.0 * state[3]\n"
     (tmp_path / "pushing.py").write_text(pushing)
     (tmp_path / "short.toml").write_text("duration = 0.5\ninitial_state = [0.0, 0.02, 0.0, 0.0]\n")
-    asked = (
-        "thresholds short.toml --controllers lqr pushing:push --seeds 1 --scan 3 --tolerance 0.5"
-    )
-    swept = ("--imperfections", "input_limit", "end_stops.z", "--out", "out")
+    asked = "thresholds short.toml --controllers lqr pushing:push --seeds 1 --scan 3"
+    swept = ("--tolerance", "0.5", "--imperfections", "input_limit", "end_stops.z", "--out", "out")
     code, output, errors = command_line(*asked.split(), *swept)
     assert (code, errors) == (0, "")
     assert "Level at which each controller fails on short. In brackets: the reference " in output
