@@ -65,12 +65,7 @@ _HOMES = {
     "control.gains": ("FIXED_GAINS", "GainFunction", "Gains"),
     "control.controller": ("Controller",),
     "errors": ("AflMujocoError",),
-    "plants.cartpole_equations": (
-        "acceleration",
-        "linear_momentum",
-        "mass_matrix",
-        "total_energy",
-    ),
+    "plants.cartpole_equations": ("acceleration", "linear_momentum", "mass_matrix", "total_energy"),
     "plants.equations": ("from_sympy",),
     "plants.plant": ("Parameter", "Plant", "ball", "box", "rod"),
     "scenario.catalogue": ("SCENARIOS",),

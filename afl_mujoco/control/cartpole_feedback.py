@@ -12,12 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.linalg import LinAlgError
 
-from afl_mujoco.control.controller import (
-    LINEAR,
-    PARTIAL,
-    CompiledController,
-    Controller,
-)
+from afl_mujoco.control.controller import LINEAR, PARTIAL, CompiledController, Controller
 from afl_mujoco.control.gains import FIXED_GAINS
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.plant import Floats

@@ -14,11 +14,7 @@ import numpy as np
 
 from afl_mujoco.control import angle
 from afl_mujoco.control.cartpole_feedback import DESIGNS, StateFeedback
-from afl_mujoco.control.controller import (
-    AFL,
-    CompiledController,
-    Controller,
-)
+from afl_mujoco.control.controller import AFL, CompiledController, Controller
 from afl_mujoco.control.estimator import EstimatedController
 from afl_mujoco.control.gains import (
     FIXED_GAINS,

@@ -12,11 +12,7 @@ from numpy.random import Generator, Philox, SeedSequence
 from numpy.typing import ArrayLike, NDArray
 
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.scenario.imperfections import (
-    FINEST_STEP,
-    LARGEST_SEED,
-    require_within_stop,
-)
+from afl_mujoco.scenario.imperfections import FINEST_STEP, LARGEST_SEED, require_within_stop
 from afl_mujoco.scenario.parameters import LARGEST_START_ANGLE
 from afl_mujoco.scenario.ranges import Range, hardware_of, scheduled, variable
 from afl_mujoco.scenario.scenario import Scenario

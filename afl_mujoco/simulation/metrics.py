@@ -12,13 +12,7 @@ from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.parameters import from_target, symbol
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import instants
-from afl_mujoco.simulation.trajectory import (
-    COMPLETED,
-    LAYOUT,
-    Layout,
-    Trajectory,
-    effort_names,
-)
+from afl_mujoco.simulation.trajectory import COMPLETED, LAYOUT, Layout, Trajectory, effort_names
 
 Metrics = dict[str, float | None]
 """Figures by name; ``None`` where a run has no such figure (never settled, never completed,

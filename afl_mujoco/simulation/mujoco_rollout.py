@@ -215,12 +215,7 @@ def work_space(model: SimulatedModel) -> Space:
     return Space(*(np.zeros(size) for size in sizes), *model.plant.limits.T.copy())
 
 
-def solver(
-    model: SimulatedModel,
-    scenario: Scenario,
-    controller: Controller,
-    mode: str,
-) -> Solver:
+def solver(model: SimulatedModel, scenario: Scenario, controller: Controller, mode: str) -> Solver:
     """Return the solver of the closed loop of MuJoCo's forward dynamics and the controller."""
     laws, space = Laws(controller, scenario, continuous=mode == "exact"), work_space(model)
     integrated = _step if mode == "continuous" else _solve
@@ -234,11 +229,7 @@ def solver(
     return compiled_solver(solve, criterion, longest=longest_step_of(scenario))
 
 
-def closed_loop(
-    model: SimulatedModel,
-    scenario: Scenario,
-    controller: Controller,
-) -> Derivative:
+def closed_loop(model: SimulatedModel, scenario: Scenario, controller: Controller) -> Derivative:
     """Return the right-hand side of the same loop for an integrator in Python."""
     laws, space, n = Laws(controller, scenario), work_space(model), model.addresses.n
     line = functools.lru_cache(maxsize=1)(functools.partial(line_of, model))

@@ -14,11 +14,7 @@ from afl_mujoco.control.catalogue import as_controller, require_stateless
 from afl_mujoco.control.controller import Controller, Law, Laws, command
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import CART_POLE
-from afl_mujoco.plants.cartpole_equations import (
-    cart_acceleration,
-    pole_acceleration,
-    velocity_jump,
-)
+from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration, velocity_jump
 from afl_mujoco.plants.equations import POINTS, Equations, Points, load_equations, split
 from afl_mujoco.plants.plant import Floats, require_seen_limits
 from afl_mujoco.plants.tree import Tree, terms_of

@@ -23,13 +23,7 @@ from afl_mujoco.scenario.files import as_scenario
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import cut_period, held_disturbances, step_times, time_grid
 from afl_mujoco.simulation.integrator import rk4_step, work_space
-from afl_mujoco.simulation.ode import (
-    Loop,
-    held_rates,
-    line_of,
-    loop_rates,
-    values_at,
-)
+from afl_mujoco.simulation.ode import Loop, held_rates, line_of, loop_rates, values_at
 from afl_mujoco.simulation.trajectory import (
     COMPLETED,
     FELL,

@@ -34,12 +34,7 @@ from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.trajectory import controller_inputs
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_all
-from afl_mujoco.studies.shared.search import (
-    Budget,
-    Threshold,
-    find_threshold,
-    minimise,
-)
+from afl_mujoco.studies.shared.search import Budget, Threshold, find_threshold, minimise
 from afl_mujoco.values import require_distinct
 
 Scenarios = tuple[Scenario, ...]
