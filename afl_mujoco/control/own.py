@@ -449,9 +449,8 @@ def load_attribute(spec: str) -> Any:
     module_name, _, function_name = spec.partition(":")
     parts = (*module_name.split("."), *function_name.split("."))
     if not all(part.isidentifier() for part in parts):
-        raise InvalidValueError(
-            thing, "must be module:attribute, or FILE.py:NAME below this folder"
-        )
+        rule = "must be module:attribute, or FILE.py:NAME below this folder"
+        raise InvalidValueError(thing, rule)
     found: Any = _as_it_is_now(import_from(os.getcwd(), module_name, thing), thing)
     for part in function_name.split("."):
         if not hasattr(found, part):

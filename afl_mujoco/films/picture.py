@@ -100,9 +100,8 @@ def frames(
         for index in itertools.takewhile(lambda index: index <= last, indices):
             ending = index >= last - round(AFTERWARDS * fps)
             picture = np.zeros((height, width, 3), np.uint8)
-            for k, (replay, path, back) in enumerate(
-                zip(replays, stage.paths, behind, strict=True)
-            ):
+            parts = zip(replays, stage.paths, behind, strict=True)
+            for k, (replay, path, back) in enumerate(parts):
                 drawn, left = stage.draw(renderer, replay, index, path), k * part[0]
                 texts = _numbers(replay, index, part, s, ending)
                 picture[: part[1], left : left + part[0]] = write(np.maximum(drawn, back), texts)

@@ -35,9 +35,8 @@ def _features(m: Any) -> tuple[tuple[str, Any, str], ...]:
     """Return features, where the model has them, and what to set; a joint's are by joint."""
     off = m.opt.disableflags
     at_site = (m.actuator_trntype == TRANSMISSION.mjTRN_SITE) & (m.actuator_trnid[:, 1] < 0)
-    at_joint = np.isin(
-        m.actuator_trntype, [TRANSMISSION.mjTRN_JOINT, TRANSMISSION.mjTRN_JOINTINPARENT]
-    )
+    joints = [TRANSMISSION.mjTRN_JOINT, TRANSMISSION.mjTRN_JOINTINPARENT]
+    at_joint = np.isin(m.actuator_trntype, joints)
     euler, rk4 = int(mujoco.mjtIntegrator.mjINT_EULER), int(mujoco.mjtIntegrator.mjINT_RK4)
     own = 'set {0}="0", or give it to the joint'
     return (

@@ -336,9 +336,8 @@ class Plant:
             if (given := getattr(self, thing)) is not None:
                 numbers = tuple(require_finite(thing, x) for x in given)
                 if len(numbers) != count:
-                    raise InvalidValueError(
-                        thing, f"must be {count} finite number{'s' * (count != 1)}", numbers
-                    )
+                    rule = f"must be {count} finite number{'s' * (count != 1)}"
+                    raise InvalidValueError(thing, rule, numbers)
                 object.__setattr__(self, thing, numbers)
 
     def _refuse_doubles(self) -> None:
@@ -482,9 +481,8 @@ class _Mjcf:
             if isinstance(model, Path):
                 for place in [*root.iter()]:
                     for one in place.findall("include"):
-                        place.extend(
-                            ElementTree.parse(model.parent / one.get("file", "")).getroot()
-                        )
+                        file = model.parent / one.get("file", "")
+                        place.extend(ElementTree.parse(file).getroot())
         except (OSError, ValueError, ElementTree.ParseError):
             return
         for one in root.findall("default"):
@@ -561,9 +559,8 @@ def known_as(plant: Plant, origin: str, text: str = "") -> Plant:
 def _loaded(origin: str, text: str, stamp: str) -> Plant:
     found = load_plant(origin)
     if (found.text, found.stamp) != (text, stamp):
-        raise InvalidValueError(
-            f"plant {origin}", "must not change while it runs, but its file did"
-        )
+        rule = "must not change while it runs, but its file did"
+        raise InvalidValueError(f"plant {origin}", rule)
     return found
 
 

@@ -95,10 +95,8 @@ def _amount(thing: str, has: Floats, c: float) -> Said:
 
 
 def _drag(name: str, other: str, c: float) -> Said:
-    return (
-        2,
-        f"the equation of {name} has {c:+.6g} {other}_dot more: a relative rate in its damping",
-    )
+    more = f"{c:+.6g} {other}_dot more"
+    return 2, f"the equation of {name} has {more}: a relative rate in its damping"
 
 
 def _about(body: str, c: float) -> Said:
@@ -136,9 +134,8 @@ class Search(Difference):
 
     def bodily(self) -> Iterator[Said]:
         """Yield what explains the difference by other numbers of the tree."""
-        if np.abs(self.start.rows).max() < 1e-5 and np.all(
-            self.theirs.astype(np.float32) == self.theirs
-        ):
+        single = self.theirs.astype(np.float32) == self.theirs
+        if np.abs(self.start.rows).max() < 1e-5 and single.all():
             yield 0, "the equations are in single precision"
             return
         families = [*self.families()]
@@ -250,8 +247,7 @@ class Search(Difference):
                 thing = f"the {word} of body {name}"
                 for i, j, order in _exchanges(3):
                     said = f"{'xyz'[i]} and {'xyz'[j]} of {thing} are exchanged in the equations"
-                    left = self.edited(b, **{field: lambda x, tree, order=order: x[order]})
-                    yield said, left
+                    yield said, self.edited(b, **{field: lambda x, tree, order=order: x[order]})
                 used = np.flatnonzero(getattr(self.trees[0], field)[b])
                 single = used if len(used) > 1 else used[:0]  # one alone is the whole
                 for i, factor in itertools.product(single, (-1.0, 0.0, 2.0, 0.5)):
@@ -264,14 +260,11 @@ class Search(Difference):
                 yield said, self.inertia(b, partial(_times, scale))
             for i, axis in enumerate("xyz"):
                 scale = np.where(np.arange(3) == i, 0.0, 1.0)
-                said = (
-                    f"the inertia of body {name} about its own {axis} is missing in the equations"
-                )
+                _, said = _share(f"the inertia of body {name} about its own {axis}", -1.0)
                 yield said, self.edited(b, body_inertia=partial(_times, scale))
             for i, j, order in _exchanges(3):
-                said = (
-                    f"the inertias of body {name} about its {'xyz'[i]} and {'xyz'[j]} are exchanged"
-                )
+                pair = f"{'xyz'[i]} and {'xyz'[j]}"
+                said = f"the inertias of body {name} about its {pair} are exchanged"
                 left = self.edited(b, body_inertia=lambda x, tree, order=order: x[order])
                 yield f"{said} in the equations", left
             said = f"two products of inertia of body {name} are exchanged in the equations"
@@ -290,8 +283,7 @@ class Search(Difference):
         for j, name in enumerate(self.plant.coordinates):
             for axis in np.vstack([np.eye(3), -np.eye(3)]):
                 said = f"the axis of {name} is {axis.astype(int).tolist()} in the equations"
-                left = self.edited(j, jnt_axis=lambda x, tree, axis=axis: axis)
-                yield said, left
+                yield said, self.edited(j, jnt_axis=lambda x, tree, axis=axis: axis)
             said = f"the anchor of {name} is missing in the equations"
             yield said, self.edited(j, jnt_pos=partial(_times, 0.0))
             for factor, word in ((0.0, "is missing"), (-1.0, "has the other sign")):
@@ -337,10 +329,8 @@ class Search(Difference):
         for words, turn in self.turns():
             places, rates = q @ turn.T, v @ turn.T
             tried = [("", self.turned(turn, ours)) for ours in self.kept()]
-            tried.append(("", self.given(q=places, v=rates)))
-            tried.append((", not its rate", self.given(q=places)))
-            tried.append((", of rates only", self.given(v=rates)))
-            for part, left in tried:
+            tried += [("", self.given(q=places, v=rates)), (", not its rate", self.given(q=places))]
+            for part, left in (*tried, (", of rates only", self.given(v=rates))):
                 yield f"{words} of MuJoCo{part}: relative or absolute", left
         for i, name in enumerate(names):
             if not self.trees[0].slides[i]:
@@ -416,10 +406,8 @@ class Search(Difference):
                 low, high = float(one.low or 0.0), float(one.high or 0.0)
                 value = min((one.value, _least(left, low, high)), key=left)
                 if left(value) <= 1e-4 * np.abs(self.start.rows).max():
-                    yield (
-                        0,
-                        f"stale constant: the equations have {name} = {value:.6g} whatever it is",
-                    )
+                    told = f"the equations have {name} = {value:.6g} whatever it is"
+                    yield 0, f"stale constant: {told}"
 
     def parts(self) -> Iterator[Part]:
         """Yield the terms of the trees: whole, and of each body."""
@@ -431,9 +419,8 @@ class Search(Difference):
                                 body_inertia=_only(t.body_inertia, b)) for t in bare]  # fmt: skip
             yield from self.parts_of(f" of body {name}", alone)
         inputs, b_ = self.plant.inputs, self.terms.inputs
-        for (i, name), k in itertools.product(
-            enumerate(self.plant.coordinates), range(len(inputs))
-        ):
+        pairs = itertools.product(enumerate(self.plant.coordinates), range(len(inputs)))
+        for (i, name), k in pairs:
             yield f"input {inputs[k]} on {name}", "inputs", _only(b_, (slice(None), i, k))
 
     def parts_of(self, who: str, trees: Sequence[Tree]) -> Iterator[Part]:
@@ -454,8 +441,7 @@ class Search(Difference):
             yield f"{names[i]}_dot {names[j]}_dot{who}", "bias", mixed
         whole, gain = self.terms_of(light).bias, self.gain(light)
         for j in range(n):
-            still = v * (np.arange(n) != j)
-            every = whole - self.terms_of(light, still).bias
+            every = whole - self.terms_of(light, v * (np.arange(n) != j)).bias
             mixed = every - alone[j] * v[:, [j]] ** 2
             yield f"all velocity terms with {names[j]}_dot{who}", "bias", every
             yield f"mixed velocity terms with {names[j]}_dot{who}", "bias", mixed
@@ -476,8 +462,7 @@ class Search(Difference):
         q, v = self.points[:2]
         step = SMALL / np.maximum(1.0, np.abs(v).max(axis=1, keepdims=True))
         ahead, back = (self.terms_of(trees, q=q + s * step * v).mass for s in (1.0, -1.0))
-        found: Floats = ((ahead - back) @ v[..., None])[..., 0] / (2.0 * step)
-        return found
+        return np.asarray(((ahead - back) @ v[..., None])[..., 0] / (2.0 * step))
 
     def added(self, field: str, term: Floats) -> Left:
         """Return what is left if the tree had one term more."""
@@ -500,9 +485,8 @@ class Search(Difference):
     def factors(self) -> Iterator[Suspect]:
         """Yield one term that has a parameter as a factor once too often, or too seldom."""
         powers = {-1.0: "is without a factor {} in", 1.0: "has {} as a factor too much in"}
-        for (name, field, term), (k, parameter) in itertools.product(
-            self.rows, enumerate(self.plant.parameters)
-        ):
+        pairs = itertools.product(self.rows, enumerate(self.plant.parameters))
+        for (name, field, term), (k, parameter) in pairs:
             p = self.points.p[:, k].reshape(-1, *(1 for _ in term.shape[1:]))
             for power, words in powers.items():
                 said = f"{name} {words.format(parameter)} the equations"
@@ -517,9 +501,8 @@ class Search(Difference):
         size = np.abs(right).max(axis=1, keepdims=True)
         bad = np.flatnonzero(np.abs(wrong / size).max(axis=0) > 1e-9)
         if len(bad) != 1:
-            yield from _explained(
-                partial(_share, "every acceleration"), _bare(wrong), _bare(wrong - right)
-            )
+            say = partial(_share, "every acceleration")
+            yield from _explained(say, _bare(wrong), _bare(wrong - right))
             shares = self.theirs / right
             if np.all(np.ptp(shares, axis=1) <= EXPLAINED * np.abs(shares - 1.0).max(axis=1)):
                 yield 0, "all accelerations have one factor, which is not 1: the determinant"

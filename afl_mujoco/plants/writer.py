@@ -214,8 +214,7 @@ class PlantModel:
         except InvalidValueError as error:
             inferred, why = None, str(error)
         for name in [one.name for one in spec.bodies if ("body", one.name) in written]:
-            parts = [t.field for t in self.targets if (t.kind, t.name) == ("body", name)]
-            parts = [x for x in parts if x != "pos"]
+            parts = [t.field for t in self.targets if t[:2] == ("body", name) and t.field != "pos"]
             if not parts:
                 continue
             body = spec.body(name)
@@ -299,9 +298,8 @@ class PlantModel:
         rounding = ROUNDING * np.abs(rows).max(axis=0)
         first[np.abs(first) * step <= rounding] = 0.0
         second[np.abs(second) * step**2 <= rounding] = 0.0
-        for (field, i, k), target, x, y in zip(
-            self._places, self.targets, first.T, second.T, strict=True
-        ):
+        moved = zip(self._places, self.targets, first.T, second.T, strict=True)
+        for (field, i, k), target, x, y in moved:
             if field == "body_mass" and x.any():
                 rule = "must not change with a parameter whose rate enters: a mass has a jump"
                 raise InvalidValueError(f"write: {target}", rule)

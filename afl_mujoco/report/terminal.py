@@ -95,9 +95,8 @@ def _tables(matrix: Matrix, width: int) -> Iterator[tuple[Table, int]]:
         shown = Table(box=SIMPLE_HEAD, show_edge=False)
         for k in part:
             side: Any = "right" if matrix.numbers[k] else "left"
-            shown.add_column(
-                _text(matrix.columns[k]), justify=side, overflow="fold", min_width=least[k]
-            )
+            head = _text(matrix.columns[k])
+            shown.add_column(head, justify=side, overflow="fold", min_width=least[k])
         above = ""
         for row in rows:
             cells = [Text(text, style=style) for text, style in (row[k] for k in part)]

@@ -208,9 +208,8 @@ class Requirements(Checked):
             if not self.recover_within <= until - end + SNAP:
                 left = f"the time left after the disturbance that ends at {end:g} s"
                 rule = f"must be at most {until - end:g} s, {left}"
-                raise InvalidValueError(
-                    "requirements.recover_within", rule, f"{self.recover_within:g} s"
-                )
+                value = f"{self.recover_within:g} s"
+                raise InvalidValueError("requirements.recover_within", rule, value)
 
 
 NONE = Requirements()  # to reach the horizon, and nothing else

@@ -216,9 +216,8 @@ class Scenario:
     def __post_init__(self) -> None:
         require_type("name", self.name, str)
         if not self.name or not self.name.isprintable() or "/" in self.name:
-            raise InvalidValueError(
-                "name", "must be printable, not empty and without '/'", repr(self.name)
-            )
+            rule = "must be printable, not empty and without '/'"
+            raise InvalidValueError("name", rule, repr(self.name))
         if isinstance(self.plant, str):
             known = CART_POLE if self.plant == CART_POLE.name else load_plant(self.plant)
             object.__setattr__(self, "plant", known)
@@ -501,9 +500,8 @@ class Scenario:
     def breakpoints(self) -> tuple[float, ...]:
         """Times [s] inside the horizon at which anything prescribed is not smooth."""
         sources = (*self.schedule.values(), *self.disturbances)
-        return tuple(
-            sorted({t for source in sources for t in source.breakpoints if 0 < t < self.duration})
-        )
+        times = {t for source in sources for t in source.breakpoints if 0 < t < self.duration}
+        return tuple(sorted(times))
 
     @property
     def events(self) -> dict[float, Event]:

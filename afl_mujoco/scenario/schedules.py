@@ -57,9 +57,8 @@ class Schedule:
         if not times:
             raise InvalidValueError("times", "must hold at least one time")
         if len(times) != len(values):
-            raise InvalidValueError(
-                "values", f"must be as many as times ({len(times)})", len(values)
-            )
+            rule = f"must be as many as times ({len(times)})"
+            raise InvalidValueError("values", rule, len(values))
         for before, after in itertools.pairwise(times):
             if after < before:
                 raise InvalidValueError("times", "must increase", f"{after} after {before}")
@@ -174,9 +173,8 @@ def staircase(times: Sequence[float], values: Sequence[float]) -> Schedule:
     """
     times, values = _listed("times", times), _listed("values", values)
     if len(values) != len(times) + 1:
-        raise InvalidValueError(
-            "values", f"must be one more than the times ({len(times)})", len(values)
-        )
+        rule = f"must be one more than the times ({len(times)})"
+        raise InvalidValueError("values", rule, len(values))
     _require_increasing("times", times)
     if not times:
         return constant(values[0])
@@ -244,9 +242,8 @@ def joined(starts: Sequence[float], pieces: Sequence[Schedule]) -> Schedule:
     for piece in pieces:
         require_type("piece", piece, Schedule)
     if not pieces or len(starts) != len(pieces):
-        raise InvalidValueError(
-            "starts", f"must be as many as the pieces ({len(pieces)}), at least one", len(starts)
-        )
+        rule = f"must be as many as the pieces ({len(pieces)}), at least one"
+        raise InvalidValueError("starts", rule, len(starts))
     _require_increasing("starts", starts)
     knots: list[tuple[float, float]] = []
     for start, end, piece in zip(starts, [*starts[1:], np.inf], pieces, strict=True):

@@ -63,9 +63,7 @@ def failure_of(ending: str, requirements: Sequence[Judgement]) -> str:
     missed = [one for one in requirements if not one.met]
     if ending == CONTROLLER_FAILED or (missed and ending != COMPLETED):
         return ending
-    if not missed:
-        return ""
-    return min(missed, key=_margin).requirement
+    return min(missed, key=_margin).requirement if missed else ""
 
 
 def least_margin(requirements: Iterable[Judgement]) -> float | None:
@@ -108,9 +106,8 @@ def ranges_of(plant: Plant) -> Floats:
 def require_start(scenario: Scenario) -> None:
     """Raise if a run starts beyond the range of a joint in the MJCF, where MuJoCo pushes it in."""
     plant = scenario.plant
-    for name, x, (low, high) in zip(
-        plant.coordinates, scenario.initial_state, ranges_of(plant), strict=False
-    ):
+    starts = zip(plant.coordinates, scenario.initial_state, ranges_of(plant), strict=False)
+    for name, x, (low, high) in starts:
         slack = 0.5 * scenario.imperfections.at(f"encoder_step.{name}")  # of a draw
         if not low - slack <= x <= high + slack:
             unit = plant.units[name]
@@ -184,8 +181,7 @@ def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
     settled = int(outside[-1]) + 1 if len(outside) else 0
     if run.outcome.kind != COMPLETED or settled == len(run.time):
         return None
-    dwelled = run.time[-1] - run.time[settled] >= DWELL - 1e-9
-    return float(run.time[settled]) if dwelled else None
+    return float(run.time[settled]) if run.time[-1] - run.time[settled] >= DWELL - 1e-9 else None
 
 
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
@@ -243,6 +239,7 @@ def remarks_on(
     ours = scenario.is_cart_pole
     of_plants = controller.remarks(scenario) if ours else beyond(scenario.plant, scenario.spans)
     own = scenario.imperfections
+    idle = [path for path in own.departing() if own.without_effect(path)]
     of_run = itertools.chain(
         _ended(scenario, run), _stopped(scenario, run), _limited(scenario, run),
         _odd(scenario, run), _stepped(scenario, run, controller),
@@ -250,11 +247,7 @@ def remarks_on(
     return [
         *of_plants,
         *_prescribed(scenario),
-        *(
-            f"{path} has no effect, because velocities are differentiated"
-            for path in own.departing()
-            if own.without_effect(path)
-        ),
+        *(f"{path} has no effect, because velocities are differentiated" for path in idle),
         *unit_remarks(scenario, run.control_period),
         *_outliving(controller),
         *_creeping(scenario),
@@ -280,20 +273,16 @@ def beyond(plant: Plant, spans: Mapping[str, tuple[float, float]]) -> Iterator[s
 
 def _prescribed(scenario: Scenario) -> Iterator[str]:
     """Remark on parameters that jump though their rates act, or change after the end."""
-    end, events = scenario.duration, scenario.events
-    for i, (name, enters) in enumerate(
-        zip(scenario.plant.parameters, scenario.plant.entering, strict=True)
-    ):
+    end, events, plant = scenario.duration, scenario.events, scenario.plant
+    for i, (name, enters) in enumerate(zip(plant.parameters, plant.entering, strict=True)):
         schedule = scenario.schedule[name]
         for time in schedule.breakpoints:
             jumps = 0.0 < time < end and schedule.at(time) != schedule.before(time)
             event = events.get(time)
             joins = event is not None and event.before[i] != event.after[i]
             if enters and jumps and not joins:
-                yield (
-                    f"{name} jumps at {time:g} s, which only a ramp can make do work: velocities "
-                    "stay"
-                )
+                why = "which only a ramp can make do work: velocities stay"
+                yield f"{name} jumps at {time:g} s, {why}"
     for name, schedule in scenario.schedule.items():
         knots = zip(schedule.times, schedule.values, strict=True)
         if late := [time for time, value in knots if time > end and value != schedule.at(end)]:
@@ -331,10 +320,8 @@ def _limited(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         asked = f"asks for up to {_digits(most, 3)}{unit}"
         if limit is not None and most <= limit:
             asked = f"asks for all of {limit:g}{unit}"
-        yield (
-            f"{drive} is at its limit for {_digits(100.0 * share, 2)} % of the run: the controller "
-            f"{asked}"
-        )
+        often = f"for {_digits(100.0 * share, 2)} % of the run"
+        yield f"{drive} is at its limit {often}: the controller {asked}"
 
 
 def _creeping(scenario: Scenario) -> Iterator[str]:
@@ -343,10 +330,8 @@ def _creeping(scenario: Scenario) -> Iterator[str]:
     soft = (m.dof_frictionloss > 0.0) & (m.dof_solimp[:, 0] < FIRM)
     for name, creeps in zip(scenario.plant.coordinates, soft, strict=True):
         if creeps and not scenario.imperfections.at(f"dry_friction.{name}"):
-            yield (
-                f"{symbol(name)} creeps under the frictionloss of the MJCF, whose solimpfriction "
-                f"is soft: dry_friction.{name} holds it"
-            )
+            under = "the frictionloss of the MJCF, whose solimpfriction is soft"
+            yield f"{symbol(name)} creeps under {under}: dry_friction.{name} holds it"
 
 
 def _digits(x: float, count: int) -> str:
@@ -358,10 +343,9 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
     """Remark on a finer step, on nothing that can fail, on a controller that does nothing."""
     settings = run.provenance.get("settings", {})
     if (asked := settings.get("asked_timestep")) is not None:
-        yield (
-            f"the physics step is {1e3 * settings['timestep']:.3g} ms: at {1e3 * asked:.3g} ms RK4 "
-            "is unstable or inaccurate with these dampers and springs"
-        )
+        why = "RK4 is unstable or inaccurate with these dampers and springs"
+        step = f"{1e3 * settings['timestep']:.3g} ms"
+        yield f"the physics step is {step}: at {1e3 * asked:.3g} ms {why}"
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"
     if len(run.time) > 1 and not run.command.any():
@@ -389,16 +373,13 @@ def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Ite
 
             finer = simulate_mujoco(scenario, own, mode, timestep=step)
         for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
-            moved = abs((one.margin or 0.0) - (then.margin or 0.0))
-            if one.met != then.met or moved > MOVED:
+            if one.met != then.met or abs((one.margin or 0.0) - (then.margin or 0.0)) > MOVED:
                 here, left = (
                     "none" if x.margin is None else f"{_digits(100.0 * x.margin, 2)} %"
                     for x in (one, then)
                 )
-                yield (
-                    f"{one.requirement} depends on the physics step: its margin is {here}, at "
-                    f"{1e3 * step:.3g} ms {left}; try a finer timestep"
-                )
+                margins = f"{here}, at {1e3 * step:.3g} ms {left}; try a finer timestep"
+                yield f"{one.requirement} depends on the physics step: its margin is {margins}"
 
 
 def _ended(scenario: Scenario, run: Trajectory) -> Iterator[str]:
@@ -421,10 +402,8 @@ def unit_remarks(scenario: Scenario, period: float | None) -> Iterator[str]:
     waits = {"delay": scenario.imperfections.longest_delay, "control period": period or 0.0}
     for name, wait in waits.items():  # while a good part of the run is over
         if (share := wait / scenario.duration) >= LONG_WAIT and wait >= LONG:
-            yield (
-                f"the {name}, {wait:g} s, is {100.0 * share:.0f} % of the run; it is given in "
-                "seconds, not in ms or Hz"
-            )
+            much = f"{100.0 * share:.0f} % of the run"
+            yield f"the {name}, {wait:g} s, is {much}; it is given in seconds, not in ms or Hz"
     others = {"m": "mm", "rad": "degrees"}
     for field, also in (("encoder_step", "counts"), ("noise", "mrad")):  # of the plant at rest
         for name in scenario.plant.coordinates:
@@ -432,8 +411,6 @@ def unit_remarks(scenario: Scenario, period: float | None) -> Iterator[str]:
             value, band = scenario.imperfections.at(f"{field}.{name}"), scenario.band(name)
             if value >= band:
                 said = others[unit] + ("" if unit == "m" and also == "mrad" else f" or {also}")
-                yield (
-                    f"{field}.{name}, {value:g} {unit}, is no less than the {band:g} {unit} to "
-                    f"either side within which {name} is at rest; it is given in {unit}, not in "
-                    f"{said}"
-                )
+                rest = f"the {band:g} {unit} to either side within which {name} is at rest"
+                given = f"it is given in {unit}, not in {said}"
+                yield f"{field}.{name}, {value:g} {unit}, is no less than {rest}; {given}"

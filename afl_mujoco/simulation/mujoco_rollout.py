@@ -293,9 +293,8 @@ def require_not_held(mode: str, control_period: float | None, integrator: str | 
     given = {"control_period": control_period, "integrator": integrator}
     for name, value in given.items():
         if value not in (None, "RK4"):
-            raise InvalidValueError(
-                name, f"must be left out with {mode}: sampled alone has it", value
-            )
+            rule = f"must be left out with {mode}: sampled alone has it"
+            raise InvalidValueError(name, rule, value)
 
 
 def simulate_mujoco(

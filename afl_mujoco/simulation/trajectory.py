@@ -82,8 +82,8 @@ class Layout:
 
     def about(self, name: str) -> float:
         """Return from where deviations of a coordinate or a signal are measured, else 0."""
-        return dict(zip(self.coordinates, self.target, strict=True)).get(
-            name, self.signals.get(name, 0.0)
+        return {**self.signals, **dict(zip(self.coordinates, self.target, strict=True))}.get(
+            name, 0.0
         )
 
     @property
@@ -272,8 +272,7 @@ class Trajectory:
         return ", ".join(name for name in (*what, self.simulator) if name)
 
     def __repr__(self) -> str:
-        said = f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>"
-        return printable(said)
+        return printable(f"<Trajectory: {self._title}: {self.outcome}, {len(self.time)} instants>")
 
     def save(self, path: str | Path) -> None:
         """Write the run to an npz file, whole or not at all.
@@ -512,7 +511,8 @@ def _panels(run: Trajectory) -> list[_Panel]:
             found.append((label(state), run.state[:, column], None))
     for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
         differs = bool((force != command).any())
-        told = label(name) + " (thin: command)" * differs
-        found.append((told, force, command if differs else None))
+        found.append(
+            (label(name) + " (thin: command)" * differs, force, command if differs else None)
+        )
     found += [(name, values, None) for name, values in run.signals.items()]
     return [*found, *((label(name), x, None) for name, x in run.parameters.items() if np.ptp(x))]

@@ -123,9 +123,8 @@ def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0
     """Return how far a state goes from its target, within end stops and what ends a run."""
     unit = scenario.plant.units[name]
     about, stop = scenario.about(name), scenario.imperfections.end_stops.get(name, math.inf)
-    low, high = dict(zip(scenario.plant.coordinates, ranges_of(scenario.plant), strict=True)).get(
-        name, (-math.inf, math.inf)
-    )
+    ranges = dict(zip(scenario.plant.coordinates, ranges_of(scenario.plant), strict=True))
+    low, high = ranges.get(name, (-math.inf, math.inf))
     ends = stop - abs(about), high - about, about - low, scenario.ends_at.get(name, math.inf)
     end = min(map(float, ends))
     if given is not None:

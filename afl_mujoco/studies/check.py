@@ -325,9 +325,8 @@ class Request:
         progress("checking", 0, 3)
         self.reference, engine = self.tree(), self.engine()
         headline, worst = "", self.worst_of("accelerations", self.reference, engine)
-        if bad := self.compare(
-            "MuJoCo against the tree", engine, self.reference, "engine", [*WORDS]
-        ):
+        who = "MuJoCo against the tree"
+        if bad := self.compare(who, engine, self.reference, "engine", [*WORDS]):
             worst = self.worst_of(bad, engine, self.reference)
             headline = f"{_place(worst)}: MuJoCo is not the tree of its MJCF: {self.why(worst)}"
         if self.answers is not None:
@@ -414,9 +413,8 @@ class Request:
         if other and (suspect := self.suspect(self.gap(other, theirs, self.reference))):
             return f"{_place(worst)}: {suspect}?", worst
         most = f"up to {worst.difference:.2g} of the largest component"
-        broken = next(
-            (f"; this fails too: {x.quantity}" for x in self.failed if "." not in x.id), ""
-        )
+        others = (x.quantity for x in self.failed if "." not in x.id)
+        broken = next((f"; this fails too: {x}" for x in others), "")
         return f"{_place(worst)}: equations and MJCF differ by {most}{broken}", worst
 
     def suspect(self, gap: Floats) -> str:
@@ -452,9 +450,8 @@ class Request:
     def invariants(self, m: Floats) -> None:
         """Add what holds of any mass matrix and any velocity terms."""
         swapped = np.swapaxes(m, 1, 2)
-        self.add(
-            "symmetric", "mass matrix is symmetric", float(_difference(m, swapped).max()), LIMIT
-        )
+        apart = float(_difference(m, swapped).max())
+        self.add("symmetric", "mass matrix is symmetric", apart, LIMIT)
         root = np.sqrt(np.abs(np.einsum("nii->ni", m)))
         root = np.where(root > 0.0, root, 1.0)
         least = np.linalg.eigvalsh(0.5 * (m + swapped) / root[:, :, None] / root[:, None, :]).min()
@@ -470,8 +467,7 @@ class Request:
 
         def terms(q: Floats, v: Floats) -> tuple[Floats, Floats, Floats]:
             assert self.equations is not None
-            beside = few._replace(q=q, v=v)
-            return split(self.plant, self.equations.at(beside, gaps=True))
+            return split(self.plant, self.equations.at(few._replace(q=q, v=v), gaps=True))
 
         v, speed = few.v, np.abs(few.v)
         still, ahead, back = (terms(few.q, s * v)[1] for s in (0.0, 1.0, -1.0))
@@ -516,8 +512,7 @@ class Request:
         pushed = (b @ u[..., None])[..., 0]
         power = np.einsum("ki,ki->k", v, pushed - damping * v)
         forces = (np.abs(m) @ np.abs(a)[..., None])[..., 0] + np.abs(h) + np.abs(pushed)
-        size = np.einsum("ki,ki->k", np.abs(v), forces) + rounded
-        return _largest(gained - power, size)
+        return _largest(gained - power, np.einsum("ki,ki->k", np.abs(v), forces) + rounded)
 
     def mutation(self) -> None:
         """Add how many numbers of a model written in place differ from one compiled afresh."""

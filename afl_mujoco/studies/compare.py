@@ -317,10 +317,8 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
                     for one, run in zip(drawn, kept, strict=True)]  # fmt: skip
         key, first = f"{scenario.name}/{controller.name}", kept[0]
         if first is not None:
-            which = "in draw 1, " * (len(drawn) > 1)
-            told = remarks_on(first, scenario, controller, which)
-            said = (*told, *_held(scenario, controller, first))
-            if said:
+            told = remarks_on(first, scenario, controller, "in draw 1, " * (len(drawn) > 1))
+            if said := (*told, *_held(scenario, controller, first)):
                 remarks[key] = said
             curves[key] = Curves(
                 time=first.time, state=first.state, force=first.input, command=first.command,
@@ -340,11 +338,9 @@ def _held(scenario: Scenario, controller: Controller, run: Trajectory) -> Iterat
         return
     with suppress(AflMujocoError):  # it has no linear loop where its drive cannot hold it
         if not stable_as_held(linearize(own, scenario), period, scenario.imperfections):
-            yield (
-                f"its linear loop is unstable with inputs held for {1e3 * period:.3g} ms and the "
-                "delays of the scenario: it is designed for continuous time, with weights from "
-                "the requirements"
-            )
+            held = f"inputs held for {1e3 * period:.3g} ms and the delays of the scenario"
+            why = "it is designed for continuous time, with weights from the requirements"
+            yield f"its linear loop is unstable with {held}: {why}"
 
 
 # --- what is shown ------------------------------------------------------------------------------

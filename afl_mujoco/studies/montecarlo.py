@@ -293,9 +293,8 @@ def _worst_cases(result: Result) -> Matrix:
         moved = [(name, x) for name, x in changes_of(result.space, one.point).items()
                  if " instant " not in name and " shape" not in name]  # fmt: skip
         at = f" at {fixed(run.time, 2)} s" if run.failure == run.outcome and run.time else ""
-        outcome = Cell(
-            how(run.failure, result.space.scenario) + at, "bad" if run.failure else "good"
-        )
+        words = how(run.failure, result.space.scenario) + at
+        outcome = Cell(words, "bad" if run.failure else "good")
         most = ", ".join(f"{name} {fixed(x, 2)}" for name, x in moved[:2])
         numbers = (percent(run.margin), fixed(one.distance, 2))
         rows.append([one.controller, one.question, outcome, *numbers, most, one.file])

@@ -325,9 +325,8 @@ def policy_controller(
                 raise InvalidValueError("predict of a policy", rule)
         shares = np.asarray(act(action), dtype=np.float64).ravel()
         if shares.shape != (count,):
-            what = (
-                "one number, the share of the largest force" if count == 1 else f"{count} numbers"
-            )
+            one = "one number, the share of the largest force"
+            what = one if count == 1 else f"{count} numbers"
             raise InvalidValueError("action of a policy", f"must give {what}", f"{len(shares)}")
         forces = inputs(shares)
         return float(forces[0]) if count == 1 else forces

@@ -91,10 +91,8 @@ def fine_enough(ticks: Ticks, rate: float) -> Ticks:
     finer = max(math.ceil(ticks.timestep * rate - SNAP), 1)
     step = ticks.timestep / finer
     if finer > MOST_FINER:
-        rule = (
-            f"must be at most {step:.2g} s with these dampers and springs (or another integrator)"
-        )
-        raise InvalidValueError("timestep", rule, ticks.timestep)
+        where = "with these dampers and springs (or another integrator)"
+        raise InvalidValueError("timestep", f"must be at most {step:.2g} s {where}", ticks.timestep)
     return Ticks(step, finer * ticks.hold) if finer > 1 else ticks
 
 

@@ -383,9 +383,8 @@ class Broken(NamedTuple):
             try:
                 states = np.linalg.solve(matrices, self.b)
             except np.linalg.LinAlgError:  # at a pole: beside it
-                states = np.linalg.solve(
-                    matrices + 1e-15 * np.abs(matrices).max() * np.eye(len(self.a)), self.b
-                )
+                beside = 1e-15 * np.abs(matrices).max() * np.eye(len(self.a))
+                states = np.linalg.solve(matrices + beside, self.b)
             found[i : i + each] = (self.k @ states)[:, 0, 0]
         return np.asarray(found / p**self.whole)
 

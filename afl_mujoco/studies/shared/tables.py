@@ -142,9 +142,8 @@ def requirements_matrix(
     scenario: Scenario, draws: Mapping[str, Sequence[Run]], metrics: Figures
 ) -> Matrix:
     """Return values and margins, of several draws the medians, by controllers; needs below."""
-    names = dict.fromkeys(
-        one.requirement for runs in draws.values() for run in runs for one in run.requirements
-    )
+    every = (run for runs in draws.values() for run in runs)
+    names = dict.fromkeys(one.requirement for run in every for one in run.requirements)
     rows: list[list[Cell | str]] = []
     known, plant = asked_of(scenario.plant), scenario.plant
     for name in [key for key in known if key in names]:
