@@ -204,8 +204,7 @@ class Log:
                 }
             )
         cells = [list(row.values()) for row in rows]
-        table = Matrix(caption=description.name, columns=list(rows[0]), rows=cells)
-        print_blocks([table])
+        print_blocks([Matrix(caption=description.name, columns=list(rows[0]), rows=cells)])
         say(f"wrote {', '.join(f'{folder / log.name}.png' for log in logs)}")
         return SUCCESS
 
@@ -345,8 +344,7 @@ class Simulate(_Deployed):
             save_figure(run.plot(), folder / others[0])
         figures = metrics(scenario, controller, run)
         if scenario.is_cart_pole:
-            scales = nominal_scales(how.timestep or LONGEST_STEP)
-            figures = with_objective(figures, scales)
+            figures = with_objective(figures, nominal_scales(how.timestep or LONGEST_STEP))
         digits = 3 if scenario.imperfections.drawn else 6
         row = run_of(scenario, controller, run)
         remarks = [f"- {remark}" for remark in remarks_on(run, scenario, controller)]

@@ -99,8 +99,7 @@ def _parse(arguments: Sequence[str] | None) -> Any:
     if given == ["--version"]:
         print(PROGRAM, version("afl_mujoco"))
         raise SystemExit(SUCCESS)
-    chosen = "".join(given[:1])
-    commands: Any = Union[(*commands_for(chosen),)]
+    commands: Any = Union[(*commands_for("".join(given[:1])),)]
     complaint = io.StringIO()
     try:
         with contextlib.redirect_stderr(complaint):

@@ -107,6 +107,5 @@ def sections(
             for one in entries
             if one.scenario == scenario
         ]
-        folded = len(scenarios) > 1
-        blocks.append(Section(scenario, f"films-{number}", films, folded=folded))
+        blocks.append(Section(scenario, f"films-{number}", films, folded=len(scenarios) > 1))
     return [Section("Films", "films", blocks)]

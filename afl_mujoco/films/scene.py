@@ -180,8 +180,7 @@ def _haunt(
     ghost.qpos[:] = replay.ideal[index, : m.nq]
     mujoco.mj_kinematics(m, ghost)
     option, perturb = mujoco.MjvOption(), mujoco.MjvPerturb()
-    moving = int(mujoco.mjtCatBit.mjCAT_DYNAMIC)
-    mujoco.mjv_addGeoms(m, ghost, option, perturb, moving, scene)
+    mujoco.mjv_addGeoms(m, ghost, option, perturb, int(mujoco.mjtCatBit.mjCAT_DYNAMIC), scene)
     left, right = (np.array(one.pos, np.float64) for one in scene.camera)  # its two eyes
     eye, known = 0.5 * (left + right), any(scene.camera[0].forward)  # not in a viewer's own part
     for number, geom in enumerate(scene.geoms[first : scene.ngeom], start=first):

@@ -145,10 +145,9 @@ def make_films(
 def _make(unit: tuple[Film, Path]) -> None:
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
-    made = film.pictures(range(film.length))
 
     def pictures() -> Iterator[Picture]:
-        for index, picture in enumerate(made):
+        for index, picture in enumerate(film.pictures(range(film.length))):
             if index == poster:
                 with atomic_file(folder / entry.poster) as temporary:
                     mediapy.write_image(temporary, picture, fmt="png")

@@ -117,13 +117,12 @@ def draws(identified: Identified, count: int, seed: int) -> list[Scenario]:
         for values, row in zip(drawn, rows.tolist(), strict=True):
             values.update(zip(names, row, strict=True))
     assumed = with_values(identified, identified.values).parameters_at(0.0)
-    belief = {"cart_mass": assumed.cart_mass, "half_length": assumed.half_length}
     return [
         replace(
             with_values(identified, {**values, "mass_ratio": max(values["mass_ratio"], 1e-4)}),
             name=f"draw-{i:04d}",
             initial_state=(0.0, tilt, 0.0, 0.0),
-            belief=belief,
+            belief={"cart_mass": assumed.cart_mass, "half_length": assumed.half_length},
         )
         for i, (values, tilt) in enumerate(zip(drawn, tilts.tolist(), strict=True))
     ]

@@ -136,8 +136,7 @@ class Problem(NamedTuple):
 
     def scatter(self, errors: Array) -> Array:
         """Return the scatter of each signal from the median of its absolute values, shape (C,)."""
-        signals = range(self.mask.shape[1])
-        sizes = [np.abs(errors[:, i][self.mask[:, i] > 0.0]) for i in signals]
+        sizes = [np.abs(errors[:, i][self.mask[:, i] > 0.0]) for i in range(self.mask.shape[1])]
         return np.maximum([1.4826 * np.median(one) for one in sizes], LEAST_SCATTER)
 
     def reduced(

@@ -416,8 +416,7 @@ def cut(
                 covered += float(part["time"][there[-1]] - part["time"][0])
     if not numbers:
         what = f"one longer than {length:g} s" if least == rows else f"{least} rows without a gap"
-        rule = f"must include {what} whose angle is known at the start"
-        raise InvalidValueError("logs", rule)
+        raise InvalidValueError("logs", f"must include {what} whose angle is known at the start")
     return Windows(
         logs=logs,
         log=np.array(numbers, dtype=np.int64),

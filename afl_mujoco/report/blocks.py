@@ -237,10 +237,10 @@ def drawn_of(blocks: Sequence[Block]) -> list[Figure | Replay]:
 
 def without_figures(blocks: Sequence[Block]) -> list[Block]:
     """Return blocks without figures and replays, where these are not drawn."""
-    kept = [block for block in blocks if not isinstance(block, Figure | Replay)]
     return [
         replace(one, blocks=without_figures(one.blocks)) if isinstance(one, Section) else one
-        for one in kept
+        for one in blocks
+        if not isinstance(one, Figure | Replay)
     ]
 
 

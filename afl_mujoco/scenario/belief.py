@@ -40,8 +40,7 @@ class Assumed:
     def __post_init__(self) -> None:
         if self.value not in (TRUE, NOMINAL):
             if isinstance(self.value, str):
-                kinds = (TRUE, NOMINAL, "a number")
-                raise UnknownNameError.among("value", self.value, kinds)
+                raise UnknownNameError.among("value", self.value, (TRUE, NOMINAL, "a number"))
             object.__setattr__(self, "value", require_finite("value", self.value))
         check_fields(self)
 

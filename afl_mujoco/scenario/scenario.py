@@ -89,8 +89,7 @@ class Segment:
         for start, end in itertools.pairwise(cuts):
             values = self.values_at(start).tolist()
             lines = tuple(zip(values, (rate for _, rate in self.lines), strict=True))
-            impulse = none if parts else self.impulse
-            parts.append(Segment(start, end, lines, self.push, impulse))
+            parts.append(Segment(start, end, lines, self.push, none if parts else self.impulse))
         return tuple(parts)
 
 
@@ -279,8 +278,7 @@ class Scenario:
         for name, schedule in given.items():
             for level in schedule.values:
                 _rule(known[name])(f"schedule.{name}", level)
-        constants = CONSTANTS if self.is_cart_pole else {}
-        for name in constants.keys() & given.keys():
+        for name in (CONSTANTS if self.is_cart_pole else {}).keys() & given.keys():
             if len({*given[name].values}) > 1:
                 rule = f"must be one number: only {' and '.join(SCHEDULES)} change during a run"
                 raise InvalidValueError(f"schedule.{name}", rule, list(given[name].values))
@@ -523,7 +521,6 @@ class Scenario:
     @property
     def segments(self) -> tuple[Segment, ...]:
         """The horizon cut at every breakpoint, in order."""
-        cuts = (0.0, *self.breakpoints, self.duration)
         return tuple(
             Segment(
                 start=start,
@@ -531,7 +528,7 @@ class Scenario:
                 lines=tuple(schedule.piece(start) for schedule in self.schedule.values()),
                 **self._acting(start, end),
             )
-            for start, end in itertools.pairwise(cuts)
+            for start, end in itertools.pairwise((0.0, *self.breakpoints, self.duration))
         )
 
     def parameters_at(self, time: float) -> CartPoleParameters:

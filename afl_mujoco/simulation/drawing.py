@@ -64,8 +64,7 @@ class Poses(NamedTuple):
 
 def drawn_geoms(m: mujoco.MjModel) -> list[int]:
     """Return the geoms that are seen."""
-    seen = (m.geom_rgba[:, 3] > 0.0) & (m.geom_group < HIDDEN)
-    return [int(one) for one in np.flatnonzero(seen)]
+    return [int(one) for one in np.flatnonzero((m.geom_rgba[:, 3] > 0.0) & (m.geom_group < HIDDEN))]
 
 
 def poses(model: SimulatedModel, geoms: Sequence[int], values: Floats, states: Floats) -> Poses:

@@ -432,8 +432,7 @@ def compiled_solver(
     ) -> tuple[Floats, Outcome | None]:
         state, found = state.copy(), np.empty((len(times), len(state)))
         count, time, status = solve(segment, state, times, options, work, found)
-        ended = None if status == REACHED else _stuck(criterion, state, time)
-        return found[:count], ended
+        return found[:count], None if status == REACHED else _stuck(criterion, state, time)
 
     return integrate_segment
 

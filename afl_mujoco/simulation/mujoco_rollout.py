@@ -133,8 +133,7 @@ def _course(
         error = np.abs(np.polynomial.chebyshev.chebval(2.0 * between - 1.0, found).T - expected)
         if (error <= limit * scale).all():
             return np.ascontiguousarray(found.T)
-    rule = "must be smooth in the parameters along a ramp, for this mode"
-    raise InvalidValueError(thing, rule)
+    raise InvalidValueError(thing, "must be smooth in the parameters along a ramp, for this mode")
 
 
 @jitable
@@ -290,8 +289,7 @@ MODES = ("exact", "continuous", "sampled")
 def require_not_held(mode: str, control_period: float | None, integrator: str | None) -> None:
     """Raise if something is given that acts in sampled mode alone."""
     require_integrator(integrator or "RK4")
-    given = {"control_period": control_period, "integrator": integrator}
-    for name, value in given.items():
+    for name, value in {"control_period": control_period, "integrator": integrator}.items():
         if value not in (None, "RK4"):
             rule = f"must be left out with {mode}: sampled alone has it"
             raise InvalidValueError(name, rule, value)
@@ -393,6 +391,5 @@ def simulate_mujoco(
         settings |= {"method": "DOP853", "rtol": RTOL, "atol": ATOL}
         nodes = controller.nodes_within(scenario.spans)
     loop = solver(model, scenario, controller, mode)
-    arrive = transition(model, scenario)
-    states, outcome = integrate(scenario, loop, arrive, times, nodes=nodes)
+    states, outcome = integrate(scenario, loop, transition(model, scenario), times, nodes=nodes)
     return assemble(scenario, controller, f"mujoco {mode}", settings, times, states, outcome)

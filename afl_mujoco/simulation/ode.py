@@ -448,9 +448,8 @@ def _points(scenario: Scenario) -> Points:
     n, k = len(plant.coordinates), len(plant.inputs)
     rng = np.random.default_rng(0)
     low, high = np.array([*scenario.spans.values()]).reshape(-1, 2).T
-    about = np.array(scenario.target)
     return Points(
-        q=about + rng.uniform(-0.5, 0.5, (POINTS, n)),
+        q=np.array(scenario.target) + rng.uniform(-0.5, 0.5, (POINTS, n)),
         v=rng.uniform(-1.0, 1.0, (POINTS, n)),
         u=rng.uniform(-1.0, 1.0, (POINTS, k)),
         p=rng.uniform(low, high, (POINTS, len(low))),

@@ -78,8 +78,7 @@ def simulate_ode_rk4(
     require_stateless(controller, "the ODE")
     times = time_grid(scenario, timestep)
     states, _, outcome = _run(scenario, controller, times, Holds(), times)
-    settings = {"timestep": timestep}
-    return assemble(scenario, controller, "ode RK4", settings, times, states, outcome)
+    return assemble(scenario, controller, "ode RK4", {"timestep": timestep}, times, states, outcome)
 
 
 def simulate_ode_held(

@@ -275,8 +275,7 @@ class Balance(control.Task):  # type: ignore[misc]
         """Return the reward after the step, 0 if the state has diverged."""
         if physics.diverged():
             return 0.0
-        found = self._reward.of(physics.world.state[None], physics.data.ptr.ctrl[None])
-        return float(found[0])
+        return float(self._reward.of(physics.world.state[None], physics.data.ptr.ctrl[None])[0])
 
     def get_termination(self, physics: Physics) -> float | None:
         """Return discount 0 if a run ends here, of the cart-pole fallen, or has diverged."""

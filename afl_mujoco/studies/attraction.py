@@ -216,13 +216,12 @@ def report(result: Result) -> Report:
         for one, name, axis in zip(away, result.axes, axes, strict=True)
     )
     said = ", ".join(f"{name} copes with {percent(share, 3)}" for name, share in shares.items())
-    title = f"From which starts each controller copes with {result.scenario.name}"
     return Report(
         headline=f"{result.scenario.name}: of {result.starts} starts, {reach}, {said}.",
         blocks=[
             Figure(
                 name="attraction",
-                title=title,
+                title=f"From which starts each controller copes with {result.scenario.name}",
                 caption="One run for each point; the cross is the scenario's own start.",
                 draw=partial(_draw, result, maps, present),
             ),
@@ -264,8 +263,7 @@ def _draw(result: Result, maps: Mapping[str, NDArray[np.int_]], present: Sequenc
     for axes in panels.flat[len(maps) :]:
         axes.set_axis_off()
     for label, name in zip((figure.supxlabel, figure.supylabel), result.axes, strict=True):
-        unit = result.scenario.plant.units[name]
-        label(f"{symbol(name)} at the start [{unit}]", fontsize=9)
+        label(f"{symbol(name)} at the start [{result.scenario.plant.units[name]}]", fontsize=9)
     handles = [
         Patch(facecolor=COLOURS[k], edgecolor="#707070", label=result.words[k]) for k in present
     ]

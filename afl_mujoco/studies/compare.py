@@ -349,9 +349,8 @@ def _held(scenario: Scenario, controller: Controller, run: Trajectory) -> Iterat
 def report(result: Result) -> Report:
     """Return what is shown of a comparison."""
     cases = grouped(result.rows)
-    several = len(result.scenarios) > 1
     said = [
-        (f"{scenario}: " if several else "") + f"{controller} {_score(draws)}"
+        (f"{scenario}: " if len(result.scenarios) > 1 else "") + f"{controller} {_score(draws)}"
         for (scenario, controller), draws in cases.items()
     ]
     names = dict.fromkeys(controller for _, controller in cases)

@@ -184,8 +184,7 @@ def _estimates(one: Identified) -> Matrix:
 def _told(one: Estimate) -> tuple[str, str]:
     """Return an estimate and its interval, with so many digits that its ends differ in two."""
     width, size = one.high - one.low, max(abs(one.low), abs(one.high))
-    known = 0.0 < width < math.inf
-    digits = max(4, 2 + math.ceil(math.log10(size / width))) if known else 4
+    digits = max(4, 2 + math.ceil(math.log10(size / width))) if 0.0 < width < math.inf else 4
     low, value, high = (short(x, digits) for x in (one.low, one.value, one.high))
     return value, "on its bound" if one.on_bound else f"{low} to {high}"
 

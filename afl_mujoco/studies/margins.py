@@ -340,8 +340,7 @@ def _delays(result: Result) -> tuple[list[str], dict[str, list[tuple[int, str]]]
         corners = [corners[0], corners[-1]]
     cells: dict[str, list[tuple[int, str]]] = {}
     for controller, name in itertools.product(result.controllers, result.inputs):
-        rows = result.of(controller, HELD, name)
-        known = {tuple(row.parameters.values()): row for row in rows}
+        known = {tuple(row.parameters.values()): row for row in result.of(controller, HELD, name)}
         label = controller if len(result.inputs) == 1 else f"{controller}, {name}"
         cells[label] = [_graded(known[corner]) for corner in corners]
     named = [dict(zip(result.units, corner, strict=True)) for corner in corners]

@@ -126,8 +126,7 @@ class Request(NamedTuple):
         if len(out) == len(named):
             rule = "must leave one that can be swept"
             raise InvalidValueError("imperfections", f"{rule} ({next(iter(out.values()))})")
-        names = [one.name for one, reason in why if not reason]
-        return self._replace(names=names, left_out=out)
+        return self._replace(names=[one.name for one, reason in why if not reason], left_out=out)
 
 
 def prepare(options: Options) -> Request:
@@ -237,8 +236,7 @@ def threshold_text(one: Imperfection, threshold: Threshold) -> str:
     past, before = ("<", ">") if one.less_is_worse else (">", "<")
     if threshold.fails_at is None:
         return f"{past} {level_text(one, threshold.holds_at or 0.0)}"
-    sign = f"{before} " * (threshold.holds_at is None)
-    return sign + level_text(one, threshold.fails_at)
+    return f"{before} " * (threshold.holds_at is None) + level_text(one, threshold.fails_at)
 
 
 def grade_of(result: Result, one: Imperfection, found: Sweep) -> int:

@@ -70,8 +70,7 @@ def _observation(layer: gymnasium.ObservationWrapper) -> Change:
     if not isinstance(layer, wrappers.NormalizeObservation):
         return layer.observation  # type: ignore[no-any-return]
     if layer.update_running_mean:
-        rule = "must be frozen: set update_running_mean = False"
-        raise InvalidValueError(_named(layer), rule)
+        raise InvalidValueError(_named(layer), "must be frozen: set update_running_mean = False")
     mean, spread = layer.obs_rms.mean.copy(), np.sqrt(layer.obs_rms.var + layer.epsilon)
     return lambda seen: np.float32((seen - mean) / spread)
 

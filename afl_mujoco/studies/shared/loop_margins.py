@@ -295,8 +295,7 @@ def _exact_delay(loop: Loop, period: float, r: Imperfections, place: int, about:
 
 def _broken(a: Array, b: Array, k: Array) -> list[tuple[Array, Array, Array]]:
     """Return the loop as each of its inputs sees it, the others closed."""
-    rows = range(len(k))
-    return [(a - np.delete(b, i, 1) @ np.delete(k, i, 0), b[:, [i]], k[[i]]) for i in rows]
+    return [(a - np.delete(b, i, 1) @ np.delete(k, i, 0), b[:, [i]], k[[i]]) for i in range(len(k))]
 
 
 def held_plant(loop: Loop, period: float, delays: Sequence[float]) -> tuple[Array, Array]:

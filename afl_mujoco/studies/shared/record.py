@@ -98,8 +98,7 @@ def save_record(
     path, failure = folder / f"{study.stem}.json", None
     with hidden_folder(folder, "results") as staging:
         try:
-            write = partial(_write, folder=staging)
-            compute(write, drawn_of(shown), "drawing", progress, workers)
+            compute(partial(_write, folder=staging), drawn_of(shown), "drawing", progress, workers)
         except BaseException as error:
             if is_interrupt(error) and path.is_file():
                 raise
@@ -182,8 +181,7 @@ class Header:
 def load_record(study: Study, folder: Path) -> Record:
     """Return the record of a study in a folder."""
     path, npz = (folder / f"{study.stem}{suffix}" for suffix in (".json", ".npz"))
-    again = f"run {study.command}"
-    with reading(path, f"is not a result of {study.command}", again):
+    with reading(path, f"is not a result of {study.command}", f"run {study.command}"):
         data = json.loads(read_utf8(path), parse_constant=_no_number)
         found = (data["study"], data["schema"])
         if found != (study.name, study.schema):

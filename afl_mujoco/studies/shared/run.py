@@ -217,8 +217,7 @@ def run_kept(
         model.set_imperfections(scenario.imperfections)
         model.compute_only()
         try:
-            own = bound(controller, scenario)
-            run = simulate_sampled(scenario, own, deployed, model=model)
+            run = simulate_sampled(scenario, bound(controller, scenario), deployed, model=model)
         except (ControllerError, GainError) as error:
             return _failed(scenario, controller, str(error)), None
         return run_of(scenario, controller, run), run if keep else None

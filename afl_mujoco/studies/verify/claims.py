@@ -122,8 +122,7 @@ def decidable(runs: Container[tuple[str, str]]) -> bool:
 
 def judge_claims(runs: Runs, known: Shipped) -> tuple[Claim, ...]:
     """Judge C1 to C12 by runs that decide C2 to C8, and by what is shipped."""
-    tried = known.readings
-    return (linearisation_claim(), *performance_claims(runs, tried), *known.claims)
+    return (linearisation_claim(), *performance_claims(runs, known.readings), *known.claims)
 
 
 def verdict(share: float, enough: float = 1.0, least: float = 0.0) -> str:
@@ -205,8 +204,7 @@ def _settled(runs: Runs, scenarios: Sequence[str]) -> tuple[int, int, float | No
     found = [runs[s, c] for s in scenarios for c in (FIXED, ADAPTIVE)]
     times = [[one[f"settling_2pc_{x}"] for x in CART_POLE.states] for one in found]
     reached = [max(t for t in some if t is not None) for some in times if None not in some]
-    latest = max(reached) if len(reached) == len(found) else None
-    return len(reached), len(found), latest
+    return len(reached), len(found), max(reached) if len(reached) == len(found) else None
 
 
 def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:

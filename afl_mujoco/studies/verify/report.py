@@ -255,5 +255,4 @@ def _growths(result: Result) -> Section:
 def _scenario(result: Result, scenario: Scenario, moves: bool) -> Section:
     """Return what happens in one scenario, and its runs unless they are shown already."""
     blocks: list[Block] = [as_file(scenario), *[_replay(result, scenario)] * moves]
-    anchor = f"scenario-{_number(result, scenario)}"
-    return Section(scenario.name, anchor, blocks, folded=True)
+    return Section(scenario.name, f"scenario-{_number(result, scenario)}", blocks, folded=True)
