@@ -548,7 +548,8 @@ def _bounds(name: str, pair: Any) -> tuple[float, float]:
 def _difference(one: Floats, other: Floats, floor: Floats | float = 0.0) -> Floats:
     """Return differences as shares of each point's largest component, or of `floor` (N,)."""
     axes = tuple(range(1, one.ndim))
-    size = np.maximum(np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0), floor)
+    largest = np.maximum(np.abs(one), np.abs(other)).max(axis=axes, initial=0.0)
+    size = np.maximum(largest, floor)
     gap = np.abs(one - other) / np.where(size > 0.0, size, 1.0).reshape(-1, *(1 for _ in axes))
     return np.where(np.isnan(gap), np.inf, gap)
 
