@@ -82,9 +82,8 @@ class Layout:
 
     def about(self, name: str) -> float:
         """Return from where deviations of a coordinate or a signal are measured, else 0."""
-        return {**self.signals, **dict(zip(self.coordinates, self.target, strict=True))}.get(
-            name, 0.0
-        )
+        known = {**self.signals, **dict(zip(self.coordinates, self.target, strict=True))}
+        return known.get(name, 0.0)
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -511,8 +510,7 @@ def _panels(run: Trajectory) -> list[_Panel]:
             found.append((label(state), run.state[:, column], None))
     for name, force, command in zip(layout.inputs, run.inputs.T, run.commands.T, strict=True):
         differs = bool((force != command).any())
-        found.append(
-            (label(name) + " (thin: command)" * differs, force, command if differs else None)
-        )
+        told = label(name) + " (thin: command)" * differs
+        found.append((told, force, command if differs else None))
     found += [(name, values, None) for name, values in run.signals.items()]
     return [*found, *((label(name), x, None) for name, x in run.parameters.items() if np.ptp(x))]
