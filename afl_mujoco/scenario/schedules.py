@@ -103,8 +103,10 @@ class Schedule:
         time
             Time [s].
         """
-        value, _ = self._line(bisect_left(self.times, time) - 1, time)
-        return value
+        k = bisect_left(self.times, time)
+        if k < len(self.times) and self.times[k] == time:  # without the rounding of a slope
+            return self.values[k]
+        return self._line(k - 1, time)[0]
 
     def piece(self, time: float) -> tuple[float, float]:
         """Return value and slope at `time`, valid from there to the next breakpoint.

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from afl_mujoco import constant, joined, piecewise_linear, staircase, trapezoid
+from afl_mujoco import SCENARIOS, constant, joined, piecewise_linear, staircase, trapezoid
 from afl_mujoco.errors import InvalidValueError
 from tests.messages import line
 
@@ -35,6 +35,12 @@ def test_a_schedule_has_its_hand_written_values_and_breakpoints(schedule, expect
     assert {t: schedule.at(t) for t in expected} == expected
     np.testing.assert_array_equal(schedule(list(expected)), list(expected.values()))
     assert schedule.breakpoints == breakpoints
+
+
+def test_a_ramp_ends_at_its_knot_to_the_last_bit_before_it_too() -> None:
+    ramp = trapezoid((0.0, 2.0, 6.0, 8.0), low=0.2, high=1.0)
+    assert ramp.before(8.0) == ramp.at(8.0) == 0.2  # its slope would lead 4e-17 below
+    assert SCENARIOS["step-trapezoid"].spans["half_length"] == (0.2, 1.0)
 
 
 def test_a_piece_ends_where_the_next_starts_even_when_clocks_do_not_add_up_exactly():
