@@ -77,7 +77,7 @@ def told(value: object, how: Callable[[Any], str] = str) -> str:
     if type(value).__repr__ is object.__repr__ and type(value).__str__ is object.__str__:
         return f"an object of class {type(value).__name__}"  # and no address
     try:
-        return re.sub(" at 0x[0-9a-f]+", "", how(value))
+        return re.sub(" at 0x[0-9a-fA-F]+", "", how(value))
     except Exception:
         return f"<{type(value).__name__} without a text>"
 

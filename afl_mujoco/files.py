@@ -129,7 +129,7 @@ def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
             raise FileError(str(path), "must be a file, but is a device, a pipe or a socket")
         if found.st_size > most:
-            size = f"{found.st_size / 1e6:.0f} MB"
+            size = f"{found.st_size / 1e6:.7g} MB"
             raise FileError(str(path), f"must be at most {most / 1e6:g} MB, has {size}")
 
 

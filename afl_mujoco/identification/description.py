@@ -35,7 +35,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 def _unit_of(signal: str) -> Check:
     def check(thing: str, value: Any) -> Any:
-        if value not in UNITS[signal]:
+        if not isinstance(value, str) or value not in UNITS[signal]:
             raise UnknownNameError.among(thing, value, UNITS[signal])
         return value
 

@@ -160,7 +160,10 @@ def nearness(away: ArrayLike, bands: ArrayLike) -> Any:
 def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
     """Return an action as an array of a shape, or raise."""
     try:
-        found = np.asarray(given, dtype=np.float64)
+        found = np.asarray(given)
+        if found.dtype.kind not in "biuf":
+            raise TypeError
+        found = found.astype(np.float64)
     except (TypeError, ValueError):
         raise InvalidValueError(thing, "must be numbers", told(given, repr)) from None
     if found.shape != shape:
@@ -249,10 +252,18 @@ class Balance(control.Task):  # type: ignore[misc]
             return scenario
         return sample_scenario(self.space, int(self.random.randint(SAMPLES)), 0)
 
+    def bounds(self, scenario: Scenario) -> Floats:
+        """Return least and largest inputs, shape (2, k), the same in every episode, or raise."""
+        widest = scenario if self.space is None else self.space.corners[1]
+        found: Floats = np.clip(widest.limits, -self._limit, self._limit).T
+        if (found[0] >= found[1]).any():
+            raise InvalidValueError("force_limit", "must leave each input a range", self._limit)
+        return found
+
     def action_spec(self, physics: Physics) -> specs.BoundedArray:
         """Return the bounds of the inputs [N, N m]."""
         plant = physics.scenario.plant
-        low, high = np.clip(physics.scenario.limits, -self._limit, self._limit).T
+        low, high = self.bounds(physics.scenario)
         units = [f" [{plant.units[name]}]" if plant.units[name] else "" for name in plant.inputs]
         words = ", ".join(map("".join, zip(plant.inputs, units, strict=True)))
         return specs.BoundedArray((len(low),), np.float64, low, high, name=words)

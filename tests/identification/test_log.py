@@ -210,6 +210,7 @@ def test_units_signs_and_defaults_are_read_and_what_is_written_reads_back(tmp_pa
 
 @pytest.mark.parametrize(("before", "after", "message"), [
     ("period = 0.01", "period = 0.0", "period must be positive, got 0"),
+    ('unit = "deg"', 'unit = ["deg"]', "phi.unit must be one of rad, deg, turn, got ['deg']"),
     ('unit = "deg"', 'unit = "dge"', "phi.unit must be one of rad, deg, turn, got 'dge'; did"),
     ("resolution = 0.1", "dead_zone = [2.0, 1.0]", "dead_zone must increase, got [2.0, 1.0]"),
     ("resolution = 0.1", 'column = "z"', "column names must differ, got 'z' twice"),

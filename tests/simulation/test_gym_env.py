@@ -23,7 +23,7 @@ from afl_mujoco.simulation.gym_env import registration
 from afl_mujoco.simulation.gym_env.environment import CartPoleEnv, ScenarioEnv, policy_controller
 from afl_mujoco.simulation.gym_env.vector import CartPoleVectorEnv, ScenarioVectorEnv
 from afl_mujoco.simulation.task import controller_policy
-from tests.plants.plants import EXAMPLES, known
+from tests.plants.plants import EXAMPLES, cart, known
 
 CONTROL_PERIOD, FORCE_LIMIT = module.CONTROL_PERIOD, module.FORCE_LIMIT
 IDS = [f"afl_mujoco/CartPole-{x}{y}-v0" for x in afl.SCENARIOS for y in ("", "-Random")]
@@ -338,6 +338,14 @@ def test_actions_go_from_the_lower_to_the_upper_limit_of_an_input(tmp_path: Path
         environment.step([1.0])
     seen, _ = environment.reset()
     assert seen[8:].tolist() == environment.scenario.values_at(0.0).tolist()
+    drawn = replace(afl.SCENARIOS["nominal"], ranges={"input_limit": (20.0, 60.0)})
+    many = ScenarioEnv(drawn, randomize=True)
+    assert (many.low, many.high) == (-60.0, 60.0)  # in every episode
+    assert afl.load(drawn, randomize=True).action_spec().maximum == 60.0
+    far = afl.Scenario(name="far", plant=cart(motor=' ctrlrange="5 40"'))
+    for make in (ScenarioEnv, lambda *one, **how: afl.load(*one, **how).action_spec()):
+        with pytest.raises(InvalidValueError, match=r"^force_limit must leave each input a range"):
+            make(far, force_limit=3.0)
     scaled = ScenarioEnv(tmp_path / "mine.toml")
     assert scaled.scale.tolist() == [4, 4, 2, 2, 8, 8, 8, 8, 1.0, 2**-5, 2**-5, 0.5, 16.0]
 

@@ -13,7 +13,13 @@ import numpy as np
 from dm_env import TimeStep
 from numpy.typing import ArrayLike, NDArray
 
-from afl_mujoco.errors import GraphicsError, InvalidValueError, UnknownNameError, require_count
+from afl_mujoco.errors import (
+    GraphicsError,
+    InvalidValueError,
+    UnknownNameError,
+    require_count,
+    told,
+)
 from afl_mujoco.graphics import PACKAGES, choose_backend
 from afl_mujoco.plants.plant import Floats
 from afl_mujoco.scenario.files import as_scenario
@@ -170,7 +176,8 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
         low = np.where(never_negative, 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        self.low, self.high = np.clip(scenario.limits, -float(force_limit), float(force_limit)).T
+        task = self.dm_environment.task
+        self.low, self.high = task.bounds(scenario)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.randomize = randomize
         self._picture = {
@@ -272,7 +279,8 @@ def _camera(model: mujoco.MjModel, camera: str | int | None) -> str | int:
 def require_no_options(options: dict[str, Any] | None) -> None:
     """Raise if a reset has options: a scenario says where an episode starts."""
     if options:
-        raise InvalidValueError("options of reset", "must be empty", ", ".join(options))
+        given = ", ".join(options) if isinstance(options, dict) else told(options)
+        raise InvalidValueError("options of reset", "must be empty", given)
 
 
 def reseed(task: Balance, random: np.random.Generator) -> None:
