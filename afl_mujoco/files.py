@@ -162,9 +162,8 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
         sizes = {one.filename: one.file_size for one in archive.infolist()}
     size = sum(sizes[f"{name}.npy"] for name in wanted)
     if size > MOST_ARRAYS:
-        raise ValueError(
-            f"its arrays must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
-        )
+        rule = f"must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
+        raise ValueError(f"its arrays {rule}")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return {name: file[name] for name in wanted}
 

@@ -339,9 +339,8 @@ class _Drive(NamedTuple):
 
             return errors
 
-        exact, soft = (
-            errors_of(rig.Rig(w, self.description, self.workers, exact=x)) for x in (True, False)
-        )
+        rigs = (rig.Rig(w, self.description, self.workers, exact=x) for x in (True, False))
+        exact, soft = map(errors_of, rigs)
         return Problem(exact, soft, mask, w.log, rig.START_SCALE)
 
     def _settled(self, guess: Fit) -> NDArray[np.bool_]:

@@ -179,9 +179,8 @@ def fit(problem: Problem, parameters: Sequence[Parameter], starts: Array, scatte
     cost, damping = _cost(rest), FIRST_DAMPING
     for _ in range(EVALUATIONS):
         system = problem.reduced(values, starts, scales, scatter, rest)
-        stuck = ((values <= low) & (system.gradient > 0.0)) | (
-            (values >= high) & (system.gradient < 0.0)
-        )
+        down, up = system.gradient > 0.0, system.gradient < 0.0
+        stuck = ((values <= low) & down) | ((values >= high) & up)
         before = cost
         while cost == before and damping < LARGEST_DAMPING:
             ahead = np.clip(values + system.step(damping, ~stuck), low, high)

@@ -272,9 +272,8 @@ def curves(
         for low, high in shaded:
             axis.axvspan(low, high, color=GREY, alpha=0.25, linewidth=0.8)
         if panel.black or axis is axes[0]:
-            axis.legend(
-                ncols=min(max(len(panel.curves), 1), 5), loc="lower left", bbox_to_anchor=(0.0, 1.0)
-            )
+            columns = min(max(len(panel.curves), 1), 5)
+            axis.legend(ncols=columns, loc="lower left", bbox_to_anchor=(0.0, 1.0))
     axes[-1].set_xlabel(TIME)
     axes[-1].set_xlim(0.0, duration)
     return figure

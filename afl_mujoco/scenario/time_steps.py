@@ -66,9 +66,8 @@ def held_disturbances(scenario: Scenario, times: Floats) -> Disturbances:
         else:
             start, end = _place(times, one.start), _place(times, one.end)
             steps_ = np.arange(int(start), min(math.ceil(end), len(lengths)))
-            push[steps_, channel] += one.force * (
-                np.minimum(end, steps_ + 1) - np.maximum(start, steps_)
-            )
+            acts = np.minimum(end, steps_ + 1) - np.maximum(start, steps_)
+            push[steps_, channel] += one.force * acts
     return Disturbances(push, impulse, split)
 
 

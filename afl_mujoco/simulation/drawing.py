@@ -26,9 +26,7 @@ FPS, MOST_NUMBERS = 30, 400_000
 
 CORNERS = np.array([*itertools.product((-1.0, 1.0), repeat=3)])
 
-BOXED = tuple(
-    getattr(mujoco.mjtGeom, f"mjGEOM_{kind}") for kind in ("PLANE", "MESH", "HFIELD", "SDF")
-)
+BOXED = tuple(getattr(mujoco.mjtGeom, f"mjGEOM_{x}") for x in ("PLANE", "MESH", "HFIELD", "SDF"))
 """Geoms that are drawn as boxes."""
 
 SMOOTHING = 0.35

@@ -81,9 +81,8 @@ def unit_of(key: str, layout: Layout = LAYOUT) -> str:
     if key == "end_time":
         return "s"
     start, name = _parsed(key)
-    return (
-        _OF_STATE[start][1].format(layout.units.get(name, "")).replace("^2", "²") if start else ""
-    )
+    unit = layout.units.get(name, "")
+    return _OF_STATE[start][1].format(unit).replace("^2", "²") if start else ""
 
 
 def metric_names(layout: Layout = LAYOUT) -> tuple[str, ...]:

@@ -352,10 +352,8 @@ class SimulatedModel:
         for i in range(k):
             if not channels[:, i].any():
                 continue
-            geared = any(
-                (one.kind, one.name) == ("actuator", self.plant.inputs[i])
-                for one in self.writer.targets
-            )
+            drive = ("actuator", self.plant.inputs[i])
+            geared = any(one[:2] == drive for one in self.writer.targets)
             if model.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_SITE or geared:
                 beside[:, i] = channels[:, i]
                 continue

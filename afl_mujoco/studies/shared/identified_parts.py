@@ -75,9 +75,8 @@ def draw_log(shown: Shown, bands: Values | None = None) -> Any:
             axis.plot(when, values, color=colour, linewidth=1.2, label=name)
             if bands is not None:
                 width = np.interp(when - when[0], bands[0], bands[1 + k])
-                axis.fill_between(
-                    when, values - width, values + width, color=colour, alpha=0.2, linewidth=0.0
-                )
+                low, high = values - width, values + width
+                axis.fill_between(when, low, high, color=colour, alpha=0.2, linewidth=0.0)
     axes[2].step(s.time, s.command, where="post", color=GREY, linewidth=1.0)
     axes[2].set_ylabel("command")
     axes[2].set_xlabel(TIME)

@@ -322,8 +322,7 @@ def _run_samples(space: SampleSpace, seed: int, deployed: Deployed, unit: Any) -
     controller, numbers = unit
     points = [sample_point(space, i, seed) for i in numbers]
     runs = _run_points(controller, space, seed, deployed, (points, numbers))
-    first = space.scenario_of(points[0], numbers[0], seed)
-    require_alike(controller, first, runs[0], deployed)
+    require_alike(controller, space.scenario_of(points[0], numbers[0], seed), runs[0], deployed)
     return runs
 
 
@@ -341,11 +340,8 @@ def sample(
 
     A Ctrl-C raises `Interrupted` with the samples that every controller has done.
     """
-    units = [
-        (one, range(i, min(i + CHUNK, count)))
-        for i in range(0, count, CHUNK)
-        for one in controllers
-    ]
+    chunks = [range(i, min(i + CHUNK, count)) for i in range(0, count, CHUNK)]
+    units = [(one, chunk) for chunk in chunks for one in controllers]
     names = [one.name for one, _ in units]
     run = partial(_run_samples, space, seed, deployed)
     kept: dict[int, list[Run]] = {}
@@ -353,8 +349,8 @@ def sample(
         compute(run, units, "sampling", progress, workers, names, cluster, kept)
     except KeyboardInterrupt:
         each = len(controllers)  # a chunk counts where each of them has done it
-        chunks = (range(i, i + each) for i in range(0, len(units), each))
-        whole = list(itertools.takewhile(lambda chunk: kept.keys() >= set(chunk), chunks))
+        places = (range(i, i + each) for i in range(0, len(units), each))
+        whole = list(itertools.takewhile(lambda chunk: kept.keys() >= set(chunk), places))
         if not whole:
             raise
         done = _in_order(names[: each * len(whole)], kept)
@@ -497,9 +493,8 @@ def map_starts(
     rows = [[start(x, y) for x in levels[0].tolist()] for y in levels[1].tolist()]
     units = [(one, row) for one in controllers for row in (*rows, [scenario])]
     names = [one.name for one, _ in units]
-    found = compute(
-        partial(_run_row, deployed), units, "mapping", progress, workers, names, cluster
-    )
+    row = partial(_run_row, deployed)
+    found = compute(row, units, "mapping", progress, workers, names, cluster)
     each = len(levels[0]) * len(levels[1]) + 1
     runs = [run for some in found for run in some]
     return [replace(run, draw=k % each) for k, run in enumerate(runs)]
