@@ -28,7 +28,8 @@ from contextlib import suppress
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parent.parent
-NEEDED = "afl_mujoco research models tests docs examples pyproject.toml README.md".split()
+NEEDED = "afl_mujoco research benchmarks models tests docs examples".split()
+NEEDED += ["pyproject.toml", "README.md"]
 BRIEF = "validate --no-page trapezoid-step-impulse --controllers adaptive --workers 1".split()
 VERDICT = ("validate", "--full", "--no-page", "step-trapezoid", *BRIEF[2:])
 STUDIES = ("bisection", "robustness", "thresholds", "montecarlo", "margins")
