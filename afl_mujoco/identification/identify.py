@@ -80,6 +80,13 @@ class Step:
     scatter_z: float | None
     windows: int  # number of windows fitted
 
+    def __post_init__(self) -> None:
+        """Raise where an edited file has not one correlation for each pair of estimates."""
+        count = len(self.estimates)
+        if {len(self.correlations), *map(len, self.correlations)} != {count}:
+            rule = f"must have {count} rows of {count}, one for each estimate"
+            raise InvalidValueError("correlations", rule)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identified:

@@ -46,6 +46,10 @@ def test_a_model_of_another_pole_does_not_hold(tmp_path, command_line) -> None:
     asked = "hardware --logs logs --estimates wrong.json --draws 0 --out out --no-page".split()
     code, output, _ = command_line(*asked)
     assert code == 1 and "rig-0.5-z" in output.splitlines()[-1] and "FAIL" in output
+    data["drive"]["correlations"] = [[1.0]]  # it would stand for all of them
+    (tmp_path / "wrong.json").write_text(json.dumps(data))
+    code, _, said = command_line(*asked)
+    assert code == 2 and "drive correlations must have 7 rows of 7" in said
 
 
 def judged(**values: float | None) -> Result:
