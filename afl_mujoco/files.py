@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import shutil
@@ -129,8 +130,13 @@ def require_regular(path: str | Path, most: int = MOST_TEXT) -> None:
         if not (stat.S_ISREG(found.st_mode) or stat.S_ISDIR(found.st_mode)):
             raise FileError(str(path), "must be a file, but is a device, a pipe or a socket")
         if found.st_size > most:
-            size = f"{found.st_size / 1e6:.7g} MB"
-            raise FileError(str(path), f"must be at most {most / 1e6:g} MB, has {size}")
+            rule = f"must be at most {most / 1e6:g} MB, has {_megabytes(found.st_size)}"
+            raise FileError(str(path), rule)
+
+
+def _megabytes(size: int) -> str:
+    """Return a size, rounded up, so that what is too large reads so."""
+    return f"{math.ceil(size / 1e5) / 10:g} MB"
 
 
 def read_utf8(path: str | Path | Traversable, most: int = MOST_TEXT) -> str:
@@ -162,7 +168,7 @@ def read_arrays(path: Path, names: Iterable[str]) -> dict[str, NDArray[Any]]:
         sizes = {one.filename: one.file_size for one in archive.infolist()}
     size = sum(sizes[f"{name}.npy"] for name in wanted)
     if size > MOST_ARRAYS:
-        rule = f"must take at most {MOST_ARRAYS / 1e6:g} MB, take {size / 1e6:.0f} MB"
+        rule = f"must take at most {MOST_ARRAYS / 1e6:g} MB, take {_megabytes(size)}"
         raise ValueError(f"its arrays {rule}")
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
         return {name: file[name] for name in wanted}

@@ -162,7 +162,7 @@ def require_known(table: Mapping[str, Any], known: Iterable[str]) -> None:
     for key in table:
         if key not in names:
             which = f"known keys: {', '.join(names)}{meant(key, names)}"
-            raise InvalidValueError(key or "an empty key", f"is not a known key; {which}")
+            raise InvalidValueError(key or "''", f"is not a known key; {which}")
 
 
 def called_with(function: Callable[..., Value], thing: str, table: Any) -> Value:

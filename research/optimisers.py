@@ -673,7 +673,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the contest, print its tables and write its files."""
     from research.figures import draw_contest
 
-    parser = Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    look = argparse.RawDescriptionHelpFormatter
+    parser = Parser(prog="optimisers", description=__doc__, formatter_class=look)
     parser.add_argument("--runs", type=int, default=Benchmark().runs)
     parser.add_argument("--budget", type=int, default=Benchmark().budget)
     parser.add_argument("--seed", type=int, default=Benchmark().seed)

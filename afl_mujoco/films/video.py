@@ -146,8 +146,10 @@ def _make(unit: tuple[Film, Path]) -> None:
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
 
+    made = film.pictures(range(film.length))  # simulates, before a file is open
+
     def pictures() -> Iterator[Picture]:
-        for index, picture in enumerate(film.pictures(range(film.length))):
+        for index, picture in enumerate(made):
             if index == poster:
                 with atomic_file(folder / entry.poster) as temporary:
                     mediapy.write_image(temporary, picture, fmt="png")

@@ -89,8 +89,9 @@ class PlantModel:
         inertial = {("body", "mass"), ("body", "ipos"), ("body", "inertia")}
         masses = any((x.kind, x.field) in inertial or x.kind == "geom" for x in self.targets)
         require_compiler(spec, masses=masses)
-        drawn = (one for one in spec.geoms if one.type == mujoco.mjtGeom.mjGEOM_MESH)
-        self.weighs_meshes = any(not one.parent.explicitinertial for one in drawn)
+        meshes = [x for x in _massive(spec) if x.type == mujoco.mjtGeom.mjGEOM_MESH]
+        every = spec.compiler.inertiafromgeom == 1  # whatever <inertial> says
+        self.weighs_meshes = any(every or not x.parent.explicitinertial for x in meshes)
         self._freeze_inertias()
         self.require(self.last[None])
         plain = self.compile(self.last)
@@ -235,10 +236,9 @@ class PlantModel:
                 body.mass, body.ipos = float(there.mass[0]), there.ipos
                 body.iquat, body.inertia = there.iquat, there.inertia
             body.explicitinertial = True
-        massive = (x for x in spec.geoms if (x.density if np.isnan(x.mass) else x.mass) > 0.0)
-        for geom in massive:
+        for geom in _massive(spec):
             body = geom.parent
-            if ("geom", geom.name) in written and not body.explicitinertial and body.name != WORLD:
+            if ("geom", geom.name) in written and not body.explicitinertial:
                 rule = "must have an <inertial>, or be written, since a geom that has its mass is"
                 raise InvalidValueError(f"body {body.name!r}", rule, f"geom {geom.name!r}")
 
@@ -480,6 +480,14 @@ class PlantModel:
             "site_body": m.site_bodyid.astype(np.int64),
             "drift": np.zeros((m.nbody, 5, 3)),
         }
+
+
+def _massive(spec: Any) -> Iterator[Any]:
+    """Yield the geoms that have a mass, but for those of the world."""
+    for one in spec.geoms:
+        mass = one.density if np.isnan(one.mass) else one.mass
+        if mass > 0.0 and one.parent.name != WORLD:
+            yield one
 
 
 def _is_numbers(held: Any) -> bool:

@@ -242,7 +242,7 @@ def remarks_on(
     idle = [path for path in own.departing() if own.without_effect(path)]
     of_run = itertools.chain(
         _ended(scenario, run), _stopped(scenario, run), _limited(scenario, run),
-        _odd(scenario, run), _stepped(scenario, run, controller),
+        _idle(run), _stepped(scenario, run, controller),
     )  # fmt: skip
     return [
         *of_plants,
@@ -251,6 +251,7 @@ def remarks_on(
         *unit_remarks(scenario, run.control_period),
         *_outliving(controller),
         *_creeping(scenario),
+        *_of_every_run(scenario, run),
         *(which + remark for remark in of_run),
     ]
 
@@ -339,8 +340,8 @@ def _digits(x: float, count: int) -> str:
     return f"{float(f'{x:.{count}g}'):g}"
 
 
-def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
-    """Remark on a finer step, on nothing that can fail, on a controller that does nothing."""
+def _of_every_run(scenario: Scenario, run: Trajectory) -> Iterator[str]:
+    """Remark on a finer step, and on nothing that can fail."""
     settings = run.provenance.get("settings", {})
     if (asked := settings.get("asked_timestep")) is not None:
         why = "RK4 is unstable or inaccurate with these dampers and springs"
@@ -348,6 +349,10 @@ def _odd(scenario: Scenario, run: Trajectory) -> Iterator[str]:
         yield f"the physics step is {step}: at {1e3 * asked:.3g} ms {why}"
     if not scenario.required:
         yield "completes = false and nothing else is required: no run of this scenario can fail"
+
+
+def _idle(run: Trajectory) -> Iterator[str]:
+    """Remark on a controller that does nothing."""
     if len(run.time) > 1 and not run.command.any():
         names = run.layout.inputs
         said = f"{' and '.join(names)} {'is' if len(names) == 1 else 'are'} 0 throughout"

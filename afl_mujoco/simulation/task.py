@@ -157,8 +157,8 @@ def nearness(away: ArrayLike, bands: ArrayLike) -> Any:
     return (1.0 / (1.0 + (np.asarray(away) / bands) ** 2)).mean(axis=-1)
 
 
-def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
-    """Return an action as an array of a shape, or raise."""
+def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...] | None = None) -> Floats:
+    """Return an action as an array of floats, of a shape if one is given, or raise."""
     try:
         found = np.asarray(given)
         if found.dtype.kind not in "biuf":
@@ -166,7 +166,7 @@ def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...]) -> Floats:
         found = found.astype(np.float64)
     except (TypeError, ValueError):
         raise InvalidValueError(thing, "must be numbers", told(given, repr)) from None
-    if found.shape != shape:
+    if found.shape != (found.shape if shape is None else shape):
         raise InvalidValueError(thing, f"must have shape {shape}", found.shape)
     return found
 

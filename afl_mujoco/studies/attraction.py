@@ -120,13 +120,16 @@ def prepare(options: Options) -> Request:
 
 
 def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0.0) -> float:
-    """Return how far a state goes from its target, within end stops and what ends a run."""
+    """Return how far a state goes from its target, within its range and what ends a run."""
     unit = scenario.plant.units[name]
     about, stop = scenario.about(name), scenario.imperfections.end_stops.get(name, math.inf)
     ranges = dict(zip(scenario.plant.coordinates, ranges_of(scenario.plant), strict=True))
     low, high = ranges.get(name, (-math.inf, math.inf))
     ends = stop - abs(about), high - about, about - low, scenario.ends_at.get(name, math.inf)
     end = min(map(float, ends))
+    if end <= 0.0:
+        rule = "must lie within its end stops and its range in the MJCF, for a map about it"
+        raise InvalidValueError(f"target of {name}", rule, f"{about:g} {unit}")
     if given is not None:
         if not require_positive("reach", given) < min(end, LARGEST_STATE):
             rule = f"must be below {min(end, LARGEST_STATE):.4g} {unit} for {name}"

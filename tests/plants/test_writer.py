@@ -13,6 +13,7 @@ from afl_mujoco.plants.writer import PlantModel
 from tests.plants.plants import NAMES, SMALL, known, small, varied
 
 MOTOR = '<motor name="torque" joint="arm"/>'
+GEARED = MOTOR.replace("/>", ' gear="3"/>')
 LIMITED = '<motor name="torque" joint="arm" ctrlrange="-2 3"/>'
 SLIDE = '<joint name="arm" type="slide" axis="0 0 1"/>'
 JOINT = '<joint name="arm" axis="0 1 0"/>'
@@ -42,7 +43,7 @@ def test_in_place_equals_afresh_and_rows_from_arrays_are_those_made_one_by_one(n
 
 @pytest.mark.parametrize("change", [
     (MOTOR, LIMITED), (MOTOR, LIMITED.replace("/>", ' ctrllimited="false"/>')),
-    (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'),
+    (MOTOR, '<motor class="weak" name="torque" joint="arm"/>'), (MOTOR, GEARED),
     (MOTOR, '<general class="weak" name="torque" joint="arm" forcerange="-4 4"/>'),
     (JOINT, '<joint class="weak" name="arm" axis="0 0 1"/>'), (JOINT, f"<frame>{SLIDE}</frame>"),
 ])  # fmt: skip
@@ -57,7 +58,7 @@ def test_a_plant_reads_of_its_mjcf_what_the_compiler_does(change, tmp_path) -> N
     ends = model.actuator_ctrlrange if model.actuator_ctrllimited[0] else [[-np.inf, np.inf]]
     np.testing.assert_array_equal(plant.limits, ends)
     slides = model.jnt_type[0] == mujoco.mjtJoint.mjJNT_SLIDE
-    known = abs(model.actuator_gainprm[0, 0]) == 1.0
+    known = abs(model.actuator_gainprm[0, 0] * model.actuator_gear[0, 0]) == 1.0
     assert plant.units["arm"] == ("rad", "m")[slides]
     assert plant.units["torque"] == ("N m", "N")[slides] * bool(known)
 

@@ -84,11 +84,12 @@ def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_cal
     monkeypatch.setattr(attraction, "find_scenario", lambda name: far)
     about = attraction.prepare(attraction.Options(axes=("shoulder", "elbow"), grid=3)).angles
     assert about[1] == pytest.approx(6.2 - 2.0 * np.pi) and about.max() < np.pi
-    short = cart(joint=' range="-0.2 0.3"')
-    rail = afl.Scenario(name="rail", plant=short, requirements=afl.Requirements(target={"x": 0.1}))
-    monkeypatch.setattr(attraction, "find_scenario", lambda name: rail)
-    found = attraction.prepare(attraction.Options(axes=("x", "x_dot"), grid=3)).angles
-    assert found == pytest.approx([0.1 - 0.19, 0.1, 0.1 + 0.19])
+    short = afl.Scenario(name="short", plant=cart(joint=' range="-0.2 0.3"'))
+    for x, most in ((0.1, 0.19), (-0.1, 0.095)):  # 95 % of the way to the nearer end
+        rail = replace(short, requirements=afl.Requirements(target={"x": x}))
+        monkeypatch.setattr(attraction, "find_scenario", lambda name, rail=rail: rail)
+        found = attraction.prepare(attraction.Options(axes=("x", "x_dot"), grid=3)).angles
+        assert found == pytest.approx([x - most, x, x + most])
 
 
 def test_a_controller_that_fails_fails_there_only_and_a_fall_is_a_fall() -> None:

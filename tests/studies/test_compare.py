@@ -133,9 +133,10 @@ def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, c
     scenario = afl.Scenario(
         name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0),
         requirements=afl.Requirements(max={"phi": 0.12}),
-        imperfections=IDEAL.changed({**hardware, "seed": 7}),
+        imperfections=IDEAL.changed({**hardware, "seed": 7, "input_limit": 2.0}),
     )  # fmt: skip
     found = compare(scenario, "lqr", draws=draws)
+    assert ("in draw 1, the drive is at its limit" in str(found.remarks)) == (count > 1)
     assert [row["draw"] for row in found.table] == list(range(count))
     peaks = {row["peak_phi"] for row in found.table}
     assert len(peaks) == (count if "encoder_step.phi" in hardware else 1)

@@ -162,7 +162,7 @@ def test_a_controller_that_fails_as_it_is_gets_no_threshold() -> None:
 
     mild = replace(near, requirements=afl.Requirements(max={"force": 60.0}))
     found = run(Request(controllers, (mild,), settings, ["delay"]))
-    assert found.controllers == ["lqr"]
+    assert found.controllers == ["lqr"] and "lqr passes the reference" in report(found).headline
     assert found.sweep("delay", "lqr").survives.fails_at is not None
     text = to_text(report(found).blocks)
     assert "weak falls" in text and "my own problem" in text

@@ -279,7 +279,7 @@ def _camera(model: mujoco.MjModel, camera: str | int | None) -> str | int:
 def require_no_options(options: dict[str, Any] | None) -> None:
     """Raise if a reset has options: a scenario says where an episode starts."""
     if options:
-        given = ", ".join(options) if isinstance(options, dict) else told(options)
+        given = ", ".join(map(str, options)) if isinstance(options, dict) else told(options)
         raise InvalidValueError("options of reset", "must be empty", given)
 
 
@@ -330,7 +330,7 @@ def policy_controller(
             if memory is not None:
                 rule = "must not return a state: a recurrent policy has memory"
                 raise InvalidValueError("predict of a policy", rule)
-        shares = np.asarray(act(action), dtype=np.float64).ravel()
+        shares = numbers_of("action of a policy", act(action)).ravel()
         if shares.shape != (count,):
             one = "one number, the share of the largest force"
             what = one if count == 1 else f"{count} numbers"

@@ -168,7 +168,8 @@ def linearisation_claim() -> Claim:
         paper=0.0,
         here=worst,
         verdict=REPRODUCED if worst < EXACT else NOT_REPRODUCED,
-        why="an identity up to round-off, over 1000 random states and plants",
+        why="an identity up to round-off, over 1000 random states and plants, relative to 1 plus the "
+        "size of the acceleration",
     )
 
 

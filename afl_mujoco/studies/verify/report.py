@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from afl_mujoco.studies.validate import Result
 
 PICTURED = "step-step"  # the scenario whose runs are shown first, if it is there
-WORDS = {"good": "holds", "neutral": "in part", "bad": "not", "open": "open"}
 PERCENT = " [%]"  # ending of the quantity of a claim that is drawn on the axis
 
 
@@ -119,14 +118,13 @@ def _number(result: Result, scenario: Scenario) -> int:
 def _claims(result: Result) -> Section:
     rows = []
     for one in result.claims:
-        status = GROUPS[kind(one.verdict)][0]
-        verdict = Cell(WORDS[status], status)
+        verdict = Cell(_holds(one), GROUPS[kind(one.verdict)][0])
         numbers = (_counted(one, one.paper, 4), _counted(one, one.here, 3))
         rows.append((one.id, one.claim, *numbers, verdict))
     ledger = Matrix(
         caption="Here, C2 and C8: when the last state is within 2 % of its peak; C3 to C6: how "
         "much adaptive gains lower the objective; C9: the schedules won; C10: the excess over our "
-        "optimum. C9 to C12 are of make claims",
+        "optimum. make claims computes C9 to C12, and the readings behind C3 to C6",
         columns=("Claim", "The paper says", "Paper", "Here", "Verdict"),
         rows=rows,
     )
@@ -142,10 +140,16 @@ def _claims(result: Result) -> Section:
     reasons = Matrix(
         caption=why,
         columns=("Claim", "Compared", "Why the verdict"),
-        rows=[(one.id, one.figure, one.why) for one in result.claims],
+        rows=[(one.id, one.figure, f"{one.verdict}: {one.why}") for one in result.claims],
         folded=why,
     )
     return Section("The paper's claims", "claims", [ledger, figure, reasons])
+
+
+def _holds(claim: Claim) -> str:
+    """Return whether a claim holds, as the headline counts it."""
+    word = GROUPS[kind(claim.verdict)][1]
+    return "holds" if word == "hold" else word
 
 
 def _draw_claims(result: Result) -> Any:
@@ -153,7 +157,6 @@ def _draw_claims(result: Result) -> Any:
     from afl_mujoco.report.figures import BLUE, GREY, ORANGE, VERMILION, Dot, dots
 
     colours = {"good": BLUE, "neutral": ORANGE, "bad": VERMILION, "open": GREY}
-    words = {"good": "holds", "neutral": "holds in part", "bad": "does not hold", "open": "is open"}
     rows: dict[str, list[Dot]] = {}
     shades = {}
     for one in result.claims:
@@ -163,7 +166,7 @@ def _draw_claims(result: Result) -> Any:
             found = result.random_schedules.get("published") if one.id == "C9" else None
             low, high = (100.0 * end for end in found.interval) if found else (0.0, 0.0)
             status = GROUPS[kind(one.verdict)][0]
-            name = f"{one.id} {words[status]}: paper {fixed(one.paper, 1)} %"
+            name = f"{one.id} {_holds(one)}: paper {fixed(one.paper, 1)} %"
             name += f", here {fixed(one.here, 1)} %"
             shades[name] = colours[status]
             rows[name] = [
