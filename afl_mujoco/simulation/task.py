@@ -203,7 +203,8 @@ class Balance(control.Task):  # type: ignore[misc]
     The observation is ``position`` and ``velocity``, of the cart-pole (z, phi) [m, rad] and (z_dot,
     phi_dot) [m/s, rad/s], as the sensors measure them, and ``parameters``, of the cart-pole (M, l)
     [kg, m], of another plant all, each at the instant of the observation, after any jump there. The
-    action is the commanded force [N] of each input, clipped to the limits and held until the next.
+    action is the command of each input (of the cart-pole the force [N]), clipped to the limits and
+    held until the next.
     The reward is `reward` on the cart-pole, else `nearness`. The discount is 0 if a coordinate is
     as far from its target as ends a run (the pole has fallen, 1 mrad short of a right angle), or
     the state diverges.

@@ -168,8 +168,8 @@ def linearisation_claim() -> Claim:
         paper=0.0,
         here=worst,
         verdict=REPRODUCED if worst < EXACT else NOT_REPRODUCED,
-        why="an identity up to round-off, over 1000 random states and plants, relative to 1 plus the "
-        "size of the acceleration",
+        why="an identity up to round-off, relative to 1 plus its size, over 1000 random states and "
+        "plants",
     )
 
 
