@@ -26,11 +26,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 import afl_mujoco as afl
-from afl_mujoco.compiled import kernel
+from afl_mujoco.compiled import jitable, kernel
 from afl_mujoco.control.gains import GAIN_NAMES, scheduled_gain, shipped_data
 from afl_mujoco.control.law import afl_force
 from afl_mujoco.plants.cartpole_equations import cart_acceleration, pole_acceleration
 from afl_mujoco.pool import Executor, compute_all, open_executor
+from afl_mujoco.simulation.integrator import rk4_step, work_space
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.studies.shared.search import Budget, minimise
 from afl_mujoco.studies.verify.claims import objective, with_objective
@@ -51,31 +52,33 @@ Array = NDArray[np.float64]
 Slope = Callable[[Array, Array, Array], Array]  # of t, M and l along a whole run
 
 
+@jitable
+def rates(step, time, state, out):
+    """Write the rates by (P3), (P4) at the start, in the middle or at the end of a step."""
+    rows, plants = step
+    at = round(2.0 * time / TIMESTEP)
+    force = afl_force(state, rows[at], 0.0)
+    m, pole, x, g = plants[at]
+    out[0], out[1] = state[2], state[3]
+    out[2] = cart_acceleration(state[1], state[3], force, m, pole, x, g)
+    out[3] = pole_acceleration(state[1], state[3], force, m, pole, x, g)
+
+
 @kernel
-def integrate(rows, plants, h, state, found):
+def integrate(rows, plants, state, work, found):
     """Write the integrals of abs(z) and abs(phi) and the largest force of a loop; NaN if it fell.
 
-    Textbook RK4 of (P3), (P4). Rows are told parameters and gains, plants the parameters, three a
-    step: at its start, in its middle, and at its end, before a jump.
+    Rows are told parameters and gains, plants the parameters, three a step: at its start, in its
+    middle, and at its end, before a jump.
     """
+    after = work[5]
     found[:] = 0.0
-    for i in range(len(rows) // 3):
-        slopes = np.zeros((4, 4))
-        for j, (at, part) in enumerate(((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))):
-            z, phi, z_dot, phi_dot = state + part * h * slopes[j - 1]
-            force = afl_force((z, phi, z_dot, phi_dot), rows[3 * i + at], 0.0)
-            m, pole, x, g = plants[3 * i + at]
-            slopes[j] = (
-                z_dot,
-                phi_dot,
-                cart_acceleration(phi, phi_dot, force, m, pole, x, g),
-                pole_acceleration(phi, phi_dot, force, m, pole, x, g),
-            )
-            if j == 0:
-                found[2] = max(found[2], abs(force))
-        new = state + h / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
-        found[:2] += 0.5 * h * (np.abs(state[:2]) + np.abs(new[:2]))
-        state[:] = new
+    for i in range(0, len(rows), 3):
+        step = rows[i : i + 3], plants[i : i + 3]
+        found[2] = max(found[2], abs(afl_force(state, rows[i], 0.0)))
+        rk4_step(rates, step, 0.0, TIMESTEP, state, work, after)
+        found[:2] += 0.5 * TIMESTEP * (np.abs(state[:2]) + np.abs(after[:2]))
+        state[:] = after
         if not abs(state[1]) < 0.5 * np.pi:
             found[:] = np.nan
             return
@@ -91,7 +94,7 @@ def score(scenario: afl.Scenario, slope: Slope | None = None) -> float:
     if slope is not None:
         rows[:, 5] = slope(times, plants[:, 0], plants[:, 2])
     found = np.empty(3)
-    integrate(rows, plants, TIMESTEP, np.array(scenario.initial_state), found)
+    integrate(rows, plants, np.array(scenario.initial_state), work_space(4), found)
     return float(objective(*np.nan_to_num(found, nan=np.inf), paper_scales()))
 
 
