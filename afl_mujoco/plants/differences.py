@@ -21,6 +21,14 @@ class Left(NamedTuple):
     rows: Floats  # equations minus tree, scaled, one row a point
     mass: Floats  # (K, n, n), as it is where M is compared itself
 
+    def moved(self, shares: Sequence[float] | Floats, others: Sequence[Left]) -> Left:
+        """Return what shares of some changes leave; `others` are what all of each leaves."""
+        rows, mass = (
+            own + np.tensordot(shares, np.array(changed) - own, 1)
+            for own, changed in zip(self, zip(*others, strict=True), strict=True)
+        )
+        return Left(rows, mass)
+
 
 class Difference:
     """Equations and tree of a plant at points where they differ."""

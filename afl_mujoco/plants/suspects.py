@@ -39,7 +39,7 @@ NOTHING: Said = 0, ""
 EXPLAINED, ROUNDING = 1e-6, 1e-13
 """What a suspect may leave of the difference, and of the size of the terms."""
 
-SINGULAR = 1e-6  # of the least singular value of the mass matrix: accelerations may be any then
+SINGULAR = 1e-6  # share of the least singular value of M: with less, accelerations may be any
 
 SIGN, SLOPE = "the other sign", ", or what slides has another slope"
 
@@ -213,16 +213,12 @@ class Search(Difference):
 
     def together(self, family: Sequence[Suspect]) -> Iterator[Said]:
         """Yield the same mistake at several places."""
-        steps = [Left(left.rows - self.start.rows, left.mass - self.start.mass)
-                 for _, left in family]  # fmt: skip
-        rows = np.array([step.rows.ravel() for step in steps]).T
-        if rows.size == 0 or len(family) < 2:
+        start, all_of = self.start, [left for _, left in family]
+        steps = np.array([(left.rows - start.rows).ravel() for left in all_of]).T
+        if steps.size == 0 or len(family) < 2:
             return
-        c = -np.linalg.lstsq(rows, self.start.rows.ravel(), rcond=1e-9)[0]
-        every = [
-            sum(x * y for x, y in zip(c, part, strict=True)) for part in zip(*steps, strict=True)
-        ]
-        if _is_left(self.start, every):
+        c = -np.linalg.lstsq(steps, start.rows.ravel(), rcond=1e-9)[0]
+        if _is_left(start, start.moved(c, all_of)):
             return
         said = [_said(say, x) for (say, _), x in zip(family, c, strict=True) if abs(x) > 1e-5]
         if said and all(words for _, words in said):
@@ -529,10 +525,7 @@ def _explained(say: str | Callable[[float], Said], start: Left, left: Left) -> I
     square = float(np.sum(step * step))
     if square > 0.0 and np.isfinite(square):
         c = -float(np.sum(start.rows * step)) / square
-        if (
-            not _is_left(start, (c * step, c * (left.mass - start.mass)))
-            and (said := _said(say, c))[1]
-        ):
+        if not _is_left(start, start.moved([c], [left])) and (said := _said(say, c))[1]:
             yield said
 
 
@@ -543,14 +536,13 @@ def _said(say: str | Callable[[float], Said], c: float) -> Said:
     return say(c)
 
 
-def _is_left(start: Left, step: Sequence[Any]) -> bool:
-    """Return whether something is left after a step, or any accelerations would leave nothing."""
-    rows, mass = start.rows + step[0], start.mass + step[1]
-    if not np.abs(rows).max() <= EXPLAINED * np.abs(start.rows).max() + ROUNDING:
+def _is_left(start: Left, left: Left) -> bool:
+    """Return whether something is left, or whether any accelerations would leave nothing."""
+    if not np.abs(left.rows).max() <= EXPLAINED * np.abs(start.rows).max() + ROUNDING:
         return True
     root = np.sqrt(np.abs(np.diagonal(start.mass, axis1=1, axis2=2)))
     scale = root[:, :, None] * root[:, None, :]
-    least = [np.linalg.svd(x / scale, compute_uv=False)[:, -1] for x in (mass, start.mass)]
+    least = [np.linalg.svd(x / scale, compute_uv=False)[:, -1] for x in (left.mass, start.mass)]
     return not bool((least[0] >= SINGULAR * least[1]).all())
 
 
