@@ -115,14 +115,20 @@ def require_start(scenario: Scenario) -> None:
             raise InvalidValueError(f"initial_state {name}", rule, f"{x:g} {unit}")
 
 
-def stops_of(scenario: Scenario) -> dict[int, tuple[float, float]]:
-    """Return between what each coordinate with end stops is kept: these, or its range if nearer."""
-    stops = scenario.imperfections.end_stops
+def kept_within(scenario: Scenario) -> dict[str, tuple[float, float]]:
+    """Return between what each coordinate is kept, by its end stops or its range if nearer."""
+    stops, kept = scenario.imperfections.end_stops, {}
     ranges = zip(scenario.plant.coordinates, ranges_of(scenario.plant).tolist(), strict=True)
-    return {
-        i: (max(low, -stops[name]), min(high, stops[name]))
-        for i, (name, (low, high)) in enumerate(ranges) if name in stops
-    }  # fmt: skip
+    for name, (low, high) in ranges:
+        stop = stops.get(name, math.inf)
+        kept[name] = max(low, -stop), min(high, stop)
+    return kept
+
+
+def stops_of(scenario: Scenario) -> dict[int, tuple[float, float]]:
+    """Return between what each coordinate with end stops is kept, by its place."""
+    stops, kept = scenario.imperfections.end_stops, kept_within(scenario)
+    return {i: kept[name] for i, name in enumerate(kept) if name in stops}
 
 
 def reached_ranges(plant: Plant, run: Trajectory) -> Iterator[tuple[str, float]]:
@@ -181,7 +187,8 @@ def settling_time(scenario: Scenario, run: Trajectory) -> float | None:
     settled = int(outside[-1]) + 1 if len(outside) else 0
     if run.outcome.kind != COMPLETED or settled == len(run.time):
         return None
-    return float(run.time[settled]) if run.time[-1] - run.time[settled] >= DWELL - 1e-9 else None
+    dwelled = run.time[-1] - run.time[settled] >= DWELL - 1e-9
+    return float(run.time[settled]) if dwelled else None
 
 
 def _peak(name: str, limit: float, value: float | None, completed: bool) -> Judgement:
@@ -378,7 +385,8 @@ def _stepped(scenario: Scenario, run: Trajectory, controller: Controller) -> Ite
 
             finer = simulate_mujoco(scenario, own, mode, timestep=step)
         for one, then in zip(judge(scenario, run), judge(scenario, finer), strict=True):
-            if one.met != then.met or abs((one.margin or 0.0) - (then.margin or 0.0)) > MOVED:
+            moved = abs((one.margin or 0.0) - (then.margin or 0.0))
+            if one.met != then.met or moved > MOVED:
                 here, left = (
                     "none" if x.margin is None else f"{_digits(100.0 * x.margin, 2)} %"
                     for x in (one, then)

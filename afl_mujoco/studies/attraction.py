@@ -26,7 +26,7 @@ from afl_mujoco.scenario.parameters import (
 )
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed
-from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, ranges_of
+from afl_mujoco.simulation.judgement import CONTROLLER_FAILED, kept_within
 from afl_mujoco.simulation.trajectory import COMPLETED, DIVERGED, FELL, deviation
 from afl_mujoco.studies.shared.arrays import Array
 from afl_mujoco.studies.shared.contract import (
@@ -122,11 +122,11 @@ def prepare(options: Options) -> Request:
 def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0.0) -> float:
     """Return how far a state goes from its target, within its range and what ends a run."""
     unit = scenario.plant.units[name]
-    about, stop = scenario.about(name), scenario.imperfections.end_stops.get(name, math.inf)
-    ranges = dict(zip(scenario.plant.coordinates, ranges_of(scenario.plant), strict=True))
-    low, high = ranges.get(name, (-math.inf, math.inf))
-    ends = stop - abs(about), high - about, about - low, scenario.ends_at.get(name, math.inf)
-    end = min(map(float, ends))
+    about, (low, high) = (
+        scenario.about(name),
+        kept_within(scenario).get(name, (-math.inf, math.inf)),
+    )
+    end = min(high - about, about - low, scenario.ends_at.get(name, math.inf))
     if end <= 0.0:
         rule = "must lie within its end stops and its range in the MJCF, for a map about it"
         raise InvalidValueError(f"target of {name}", rule, f"{about:g} {unit}")
