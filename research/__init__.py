@@ -2,14 +2,17 @@
 
 import os
 import sys
+from types import TracebackType
 
 
-def _said_in_one_line(kind: type[BaseException], error: BaseException, trace: object) -> None:
+def _said_in_one_line(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
     """Report a Ctrl-C during the imports of a command, before `run_command` can."""
     if issubclass(kind, KeyboardInterrupt):
         print("research: interrupted", file=sys.stderr, flush=True)
         os._exit(130)
-    sys.__excepthook__(kind, error, trace)  # type: ignore[arg-type]
+    sys.__excepthook__(kind, error, trace)
 
 
 if sys.argv[:1] == ["-m"]:  # python -m research.NAME, which imports this first

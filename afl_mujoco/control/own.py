@@ -171,7 +171,8 @@ def _written(function: Any) -> str:
     seen: list[Any] = []
     while function is not None and not any(function is x for x in seen):
         seen.append(function)
-        code = getattr(getattr(function, "__func__", function), "__code__", None)
+        method = getattr(function, "__func__", function)
+        code = getattr(method, "__code__", None)
         if isinstance(code, types.CodeType) and (found := _writes(code, code.co_freevars)):
             return found
         function = getattr(function, "__wrapped__", getattr(function, "py_func", None))

@@ -204,4 +204,5 @@ def _once(make: Callable[[Floats], Floats], values: Floats, known: dict[bytes, F
 def largest_of(limits: Mapping[str, float], bands: Mapping[str, float]) -> tuple[float, ...]:
     """Return the largest states by Bryson's rule: as required, else ten bands, and as fast."""
     found = {name: limits.get(name, 10.0 * band) for name, band in bands.items()}
-    return (*found.values(), *[limits.get(f"{name}_dot", 5.0 * x) for name, x in found.items()])
+    rates = [limits.get(f"{name}_dot", 5.0 * x) for name, x in found.items()]
+    return (*found.values(), *rates)

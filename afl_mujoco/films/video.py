@@ -145,7 +145,6 @@ def make_films(
 def _make(unit: tuple[Film, Path]) -> None:
     film, folder = unit
     entry, poster = film.entry, min(round(POSTER_TIME * film.fps), film.length - 1)
-
     made = film.pictures(range(film.length))  # simulates, before a file is open
 
     def pictures() -> Iterator[Picture]:

@@ -65,7 +65,8 @@ def _guessed(windows: Windows) -> tuple[float, float] | None:
         log, mine = w.logs[number], w.log == number
         time, columns = w.time[mine, 0], told[mine]
         columns[:, 1] = _impulses(log.time, log.command, 0.0, time[None])[0]
-        tables.append(np.diff(columns, axis=0)[np.diff(time) < w.spacing * w.time.shape[1]])
+        follows = np.diff(time) < w.spacing * w.time.shape[1]
+        tables.append(np.diff(columns, axis=0)[follows])
     change, *causes = np.concatenate(tables).T
     gain, decay, _ = found = np.linalg.lstsq(np.transpose(causes), change, rcond=None)[0]
     left = change - found @ np.array(causes)

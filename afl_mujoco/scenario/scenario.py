@@ -278,7 +278,8 @@ class Scenario:
         for name, schedule in given.items():
             for level in schedule.values:
                 _rule(known[name])(f"schedule.{name}", level)
-        for name in (CONSTANTS if self.is_cart_pole else {}).keys() & given.keys():
+        constants = CONSTANTS if self.is_cart_pole else {}
+        for name in constants.keys() & given.keys():
             if len({*given[name].values}) > 1:
                 rule = f"must be one number: only {' and '.join(SCHEDULES)} change during a run"
                 raise InvalidValueError(f"schedule.{name}", rule, list(given[name].values))

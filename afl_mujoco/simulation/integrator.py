@@ -432,7 +432,8 @@ def compiled_solver(
     ) -> tuple[Floats, Outcome | None]:
         state, found = state.copy(), np.empty((len(times), len(state)))
         count, time, status = solve(segment, state, times, options, work, found)
-        return found[:count], None if status == REACHED else _stuck(criterion, state, time)
+        ended = None if status == REACHED else _stuck(criterion, state, time)
+        return found[:count], ended
 
     return integrate_segment
 

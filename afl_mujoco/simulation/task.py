@@ -166,7 +166,7 @@ def numbers_of(thing: str, given: ArrayLike, shape: tuple[int, ...] | None = Non
         found = found.astype(np.float64)
     except (TypeError, ValueError):
         raise InvalidValueError(thing, "must be numbers", told(given, repr)) from None
-    if found.shape != (found.shape if shape is None else shape):
+    if shape is not None and found.shape != shape:
         raise InvalidValueError(thing, f"must have shape {shape}", found.shape)
     return found
 

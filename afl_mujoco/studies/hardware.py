@@ -326,8 +326,10 @@ def outlook(
             held = np.array(passes(starts)).reshape(-1, 2).all(axis=1)
             smaller = int(np.argmin(np.append(held, False)))  # that are survived, one and all
             angles[name] = math.radians(ANGLES[smaller - 1]) if smaller else 0.0
-        passed = {"runs": count, "survived": sum(passes(drawn))}
-        found.append(Survival(controller=controller.name, angles=angles, **passed))
+        survived = sum(passes(drawn))
+        found.append(
+            Survival(controller=controller.name, angles=angles, runs=count, survived=survived)
+        )
     return tuple(found)
 
 

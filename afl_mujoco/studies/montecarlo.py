@@ -194,8 +194,9 @@ def run(
                 def advance(done: int, name: str = one.name, most: int = 2 * budget.points) -> None:
                     progress(f"searching the worst case for {name}", done, most)
 
-                how = (seed, budget, deployed, executor, advance)
-                found = search_worst(one, space, runs[one.name], *how)
+                found = search_worst(
+                    one, space, runs[one.name], seed, budget, deployed, executor, advance
+                )
                 held = f"{FOLDER}/{one.name}"
                 worst += [replace(x, file=f"{held}/{FILES[x.question]}") for x in found]
     except KeyboardInterrupt:

@@ -176,8 +176,7 @@ class ScenarioEnv(gymnasium.Env):  # type: ignore[misc]
         never_negative = np.concatenate([np.zeros(len(states), np.bool_), least >= 0.0])
         low = np.where(never_negative, 0.0, -high)
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float64)
-        task = self.dm_environment.task
-        self.low, self.high = task.bounds(scenario)
+        self.low, self.high = self.dm_environment.task.bounds(scenario)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, self.low.shape, dtype=np.float64)
         self.randomize = randomize
         self._picture = {

@@ -381,7 +381,8 @@ def manufactured(time: float) -> tuple[Floats, tuple[float, float], Floats]:
     z, phi = 0.3 * np.sin(time), 0.5 * np.cos(1.3 * time)
     z_dot, phi_dot = 0.3 * np.cos(time), -0.65 * np.sin(1.3 * time)
     plant = 1.0 + 0.5 * np.sin(time), 0.5 + 0.2 * np.sin(0.7 * time)
-    return np.array([z, phi, z_dot, phi_dot]), plant, np.array([-z, -1.69 * phi])
+    second = np.array([-z, -1.69 * phi])
+    return np.array([z, phi, z_dot, phi_dot]), plant, second
 
 
 def required_forces(time: float) -> tuple[float, float]:

@@ -205,7 +205,8 @@ def _settled(runs: Runs, scenarios: Sequence[str]) -> tuple[int, int, float | No
     found = [runs[s, c] for s in scenarios for c in (FIXED, ADAPTIVE)]
     times = [[one[f"settling_2pc_{x}"] for x in CART_POLE.states] for one in found]
     reached = [max(t for t in some if t is not None) for some in times if None not in some]
-    return len(reached), len(found), max(reached) if len(reached) == len(found) else None
+    latest = max(reached) if len(reached) == len(found) else None
+    return len(reached), len(found), latest
 
 
 def _improvement(id: str, case: str, runs: Runs, tried: Readings) -> Claim:

@@ -102,7 +102,8 @@ def sampled_study(
         states.append(run.state[np.searchsorted(run.time, wanted - 1e-9)])
     truth = reference.state[on_grid]
     errors = tuple(float(np.abs(state - truth).max()) for state in states)
-    return Study(steps, errors), float(np.abs(2.0 * states[-1] - states[-2] - truth).max())
+    extrapolated = 2.0 * states[-1] - states[-2]
+    return Study(steps, errors), float(np.abs(extrapolated - truth).max())
 
 
 def schedule_study(scenario: Scenario, controller: Controller) -> Study | None:
