@@ -115,7 +115,8 @@ class UnknownNameError(AflMujocoError, LookupError):
     def among(cls, thing: str, name: object, valid: Iterable[str]) -> UnknownNameError:
         """Build the error for `name`, listing the `valid` names and guessing which was meant."""
         known = list(valid)
-        return cls(thing, f"must be one of {', '.join(known)}", f"{name!r}{meant(name, known)}")
+        rule = f"must be one of {', '.join(known)}" if known else "must be left out: there is none"
+        return cls(thing, rule, f"{name!r}{meant(name, known)}")
 
 
 class FileError(AflMujocoError):

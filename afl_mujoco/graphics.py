@@ -59,9 +59,7 @@ def choose_backend() -> str:
     installed, or ``disable``: simulation works without graphics. PyTorch's compiler is loaded first
     where there is one, see `_load_triton`.
     """
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
-    if asked and asked not in KNOWN:
-        raise GraphicsError("MUJOCO_GL", f"must be one of {', '.join(KNOWN)}", asked)
+    asked = _asked()
     backend = asked or next(filter(_installed, BACKENDS), "disable")
     if backend != "disable":
         _load_triton()
@@ -72,6 +70,14 @@ def choose_backend() -> str:
         except Exception as error:
             raise _undrawable(f"MUJOCO_GL={asked}", [f"{type(error).__name__}: {error}"]) from None
     return backend
+
+
+def _asked() -> str:
+    """Return what the user set, empty if nothing, or raise unless it is known."""
+    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
+    if asked and asked not in KNOWN:
+        raise GraphicsError("MUJOCO_GL", f"must be one of {', '.join(KNOWN)}", asked)
+    return asked
 
 
 def _installed(backend: str) -> bool:
@@ -112,7 +118,7 @@ def require_backend() -> str:
     end a process. What the user set is the only candidate; else EGL, then OSMesa. Call it before
     anything imports MuJoCo.
     """
-    asked = os.environ.get("MUJOCO_GL", "").strip().lower()
+    asked = _asked()
     if asked in OFF:
         raise GraphicsError(
             "MUJOCO_GL",

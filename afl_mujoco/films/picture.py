@@ -52,7 +52,7 @@ PLOT_HEIGHT = 270
 where a film is shown at half its size."""
 
 FALLING = 0.2
-"""Time before a fall in which the force is not drawn whole [s]."""
+"""Time before a fall in which a force without limits is not drawn whole [s]."""
 
 LINES = ("-", "--", "-.", ":")
 
@@ -251,9 +251,13 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
     for i, (axis, name, limits) in enumerate(drives):
         for limit in limits[np.isfinite(limits)]:
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
-        usual = [np.abs(x.run.inputs[x.run.time < x.end - FALLING, i]) for x in replays]
+        bounded = bool(np.isfinite(limits).all())  # else commands may diverge as a run falls
+        until = [x.end if bounded else max(x.end - FALLING, 0.5 * x.end) for x in replays]
+        usual = [
+            np.abs(x.run.inputs[x.run.time < t, i]) for x, t in zip(replays, until, strict=True)
+        ]
         most = 1.1 * max([*np.concatenate(usual), *np.abs(replays[0].limits(name))], default=0.0)
-        axis.set_ylim(-(most or 1.0), most or 1.0)  # as a run falls, commands may diverge
+        axis.set_ylim(-(most or 1.0), most or 1.0)
     for axis, name in zip(axes, names, strict=False):
         for limit in replays[0].limits(name):
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")

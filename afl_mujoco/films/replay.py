@@ -63,9 +63,11 @@ class Replay:
         plant, state = self.plan.plant, self.state[index]
         found = [("t [s]", f"{self.time[index]:.2f}")]
         found += [(labelled(name, unit), f"{x[index]:.3g}") for name, unit, x in self.changing]
-        shown = (*zip(plant.inputs, self.inputs[index], strict=True),
-                 *zip(plant.coordinates, state, strict=False))  # fmt: skip
-        found += [(labelled(name, plant.units[name]), f"{x:+z.2f}") for name, x in shown]
+        shown = (*zip(plant.inputs, self.inputs.T, strict=True),
+                 *zip(plant.coordinates, self.state.T, strict=False))  # fmt: skip
+        found += [
+            (labelled(name, plant.units[name]), f"{x[index]:+z.{_places(x)}f}") for name, x in shown
+        ]
         if self.ideal is None:
             return found
         apart = zip(plant.coordinates, np.abs(state - self.ideal[index]), strict=False)
@@ -82,6 +84,12 @@ class Replay:
     def ended(self, index: int) -> str:
         """Say which runs have ended before a frame, and how; empty if none has."""
         return "; ".join(text for time, text in self.endings if self.time[index] >= time)
+
+
+def _places(values: NDArray[np.float64]) -> int:
+    """Return to how many places numbers are written, so that the largest has two digits."""
+    most = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
+    return max(2, 1 - math.floor(math.log10(most))) if most else 2
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:

@@ -161,11 +161,11 @@ def write_video(
     pictures: Iterable[Picture], path: Path, size: tuple[int, int], fps: int, title: str
 ) -> None:
     """Write an MP4: H.264, yuv420p, playable before it has loaded."""
-    try:
+    with contextlib.suppress(RuntimeError):  # it finds none
         mediapy.set_ffmpeg(str(imageio_ffmpeg.get_ffmpeg_exe()))
-    except RuntimeError:
+    if not mediapy.video_is_available():
         rule = "must be installed to write films; the wheel of imageio-ffmpeg contains it"
-        raise GraphicsError("ffmpeg", rule) from None
+        raise GraphicsError("ffmpeg", rule, os.environ.get("IMAGEIO_FFMPEG_EXE"))
     arguments = ["-preset", "veryfast", "-movflags", "+faststart"]
     arguments += ["-metadata", f"title={title}", "-metadata", f"comment={MARK}"]
     with atomic_file(path) as temporary:

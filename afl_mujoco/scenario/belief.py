@@ -13,7 +13,6 @@ from afl_mujoco.values import (
     called_with,
     check_fields,
     require_finite,
-    require_type,
     short_repr,
     within,
 )
@@ -73,13 +72,15 @@ class Belief:
         if isinstance(given, cls):
             given = given.assumed
         if isinstance(given, str):
-            given = dict.fromkeys(names, Assumed(value=given))
-        require_type("belief", given, Mapping)
+            given = dict.fromkeys(names, given)
+        if not isinstance(given, Mapping):
+            rule = f"must be a table by name, {TRUE!r} or {NOMINAL!r}"
+            raise InvalidValueError("belief", rule, repr(given))
         found = {}
         for name, one in given.items():
             if name not in names:
-                raise UnknownNameError.among("key", name, names)
-            with within(f"{name} "):
+                raise UnknownNameError.among("belief.key", name, names)
+            with within(f"belief.{name} "):
                 found[name] = Assumed.of(one)
         named = {name: found[name] for name in names if name in found}
         return cls(ByName({name: one for name, one in named.items() if one != Assumed()}))

@@ -214,8 +214,8 @@ class Scenario:
 
     def __post_init__(self) -> None:
         require_type("name", self.name, str)
-        if not self.name or not self.name.isprintable() or "/" in self.name:
-            rule = "must be printable, not empty and without '/'"
+        if not self.name.strip(".") or not self.name.isprintable() or "/" in self.name:
+            rule = "must be printable, not empty, not only dots and without '/'"
             raise InvalidValueError("name", rule, repr(self.name))
         if isinstance(self.plant, str):
             known = CART_POLE if self.plant == CART_POLE.name else load_plant(self.plant)
@@ -237,21 +237,21 @@ class Scenario:
             require_within_stop(f"initial_state {name}", x, stop, which, plant.units[name])
         require_type("disturbances", self.disturbances, Iterable)
         object.__setattr__(self, "disturbances", tuple(self.disturbances))
-        for disturbance in self.disturbances:
-            require_type("disturbance", disturbance, ForcePulse | Impulse)
+        for i, disturbance in enumerate(self.disturbances):
+            thing = f"disturbances[{i}]"
+            require_type(thing, disturbance, ForcePulse | Impulse)
             channel_of(disturbance, plant)
             end = max(disturbance.breakpoints)
             struck_at_end = isinstance(disturbance, Impulse) and end == self.duration
             if end > self.duration or struck_at_end:
                 rule = f"must end within the duration {self.duration} s"
-                raise InvalidValueError("disturbance", rule, end)
+                raise InvalidValueError(thing, rule, end)
         require_type("requirements", self.requirements, Requirements)
         object.__setattr__(self, "requirements", self.requirements.of_plant(plant))
         self.requirements.require_decidable(self.duration, self.disturbances)
         object.__setattr__(self, "ranges", ranges_of(plant, self.ranges))
         self._require_ranges()
-        with within("belief."):
-            belief = Belief.of(self.belief, tuple(plant.parameters))
+        belief = Belief.of(self.belief, tuple(plant.parameters))
         for name, one in belief.assumed.items():
             if not isinstance(one.value, str):
                 _rule(plant.parameters[name])(f"belief.{name} value", one.value)

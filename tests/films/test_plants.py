@@ -4,10 +4,11 @@ import mujoco
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.films.picture import draw_plots
+from afl_mujoco.films.picture import _plot, draw_plots
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import Frame, Stage, pose
 from afl_mujoco.films.video import make_films, side_by_side
@@ -108,8 +109,8 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     assert "-0.00" not in numbers
     words = ["payload [kg]", "force [N]", "cart [m]", "lower [rad]", "upper [rad]"]
     assert [*names] == ["t [s]", *words, *(f"|Δ{word.replace(' ', '| ')}" for word in words[2:])]
-    labels, axes = [], "matplotlib.axes.Axes.set_ylabel"
-    monkeypatch.setattr(axes, lambda self, text, **more: labels.append(text))
+    labels, named = [], "matplotlib.axes.Axes.set_ylabel"
+    monkeypatch.setattr(named, lambda self, text, **more: labels.append(text))
     draw_plots([replay, replay], (320, 180))
     assert labels == [*words[2:], words[1], words[0]]
     scenario = afl.Scenario(name="two", schedule={"cart_mass": afl.staircase([2.0], [1.0, 1.6])},
@@ -123,6 +124,13 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     assert "cart_mass [kg]" in labels
     steps = [one.run.inputs[:, 0].tolist() for one in both]  # between two frames a force may peak
     assert [seen[k].tolist() for k in (2, 5)] == steps
+    weak = replace(scenario, initial_state={"phi": -1.4},
+                   imperfections=afl.Imperfections(input_limit=4.0))  # fmt: skip
+    fallen = record(weak, afl.CONTROLLERS["lqr"], Deployed(), FPS)
+    axes, _ = _plot(Figure(), [fallen], fallen.end)
+    assert axes[2].get_ylim() == pytest.approx((-4.4, 4.4))  # though it falls at once
+    replay.state[:, 0] *= 1e-3
+    assert dict(replay.readouts(0))["cart [m]"] == f"{replay.state[0, 0]:+z.5f}"
 
 
 SLIDER = """<mujoco><worldbody>{first}<body name="b">

@@ -49,8 +49,11 @@ def test_a_backend_that_is_not_known_is_one_line_and_so_is_drawing_switched_off(
     assert (result.returncode, result.stdout, result.stderr.count("\n")) == (2, "", 1)
     said = r"MUJOCO_GL must be one of egl, osmesa, glfw, disable, .*, got glx\n\Z"
     assert re.search(said, result.stderr)
+    film = ("render", "nominal", "--controllers", "lqr", "--out", "films")
+    monkeypatch.setenv("MUJOCO_GL", "glx")
+    assert "MUJOCO_GL must be one of egl" in refuses(*film)
     monkeypatch.setenv("MUJOCO_GL", "off")
-    said = refuses("render", "nominal", "--controllers", "lqr", "--out", "films")
+    said = refuses(*film)
     assert said.endswith("must not switch drawing off: unset it, or set egl or osmesa, got off")
 
 

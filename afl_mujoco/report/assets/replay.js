@@ -17,6 +17,7 @@
 
   const floats = (text) => new Float32Array(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
   const signed = (x, digits) => x.toFixed(digits).replace("-", "−");
+  const rounded = (x) => String(Number(x.toPrecision(3))).replaceAll("-", "−");
 
   function hull(points) {
     const sorted = points.sort((a, b) => a[0] - b[0] || a[1] - b[1]);
@@ -90,7 +91,7 @@
       const now = Math.round(this.time * this.fps);
       const said = [`t = ${this.time.toFixed(2)} s`];
       for (const { name, unit, values } of this.changes) {
-        said.push(`${name} ${signed(values[Math.min(now, values.length - 1)], 2)} ${unit}`);
+        said.push(`${name} ${rounded(values[Math.min(now, values.length - 1)])} ${unit}`);
       }
       if (this.pushes.some(([from, to]) => from <= this.time && this.time < to)) said.push("disturbed");
       this.output.textContent = said.join(" · ");
