@@ -25,6 +25,8 @@ from afl_mujoco.simulation.trajectory import Trajectory
 
 IDEAL = "ideal ODE"  # what the ghost is
 
+MOST_PLACES = 5  # of a number in a picture
+
 AFTERWARDS = 1.0
 """How long a film goes on when every run has ended, and shows a verdict at its end [s]."""
 
@@ -87,9 +89,13 @@ class Replay:
 
 
 def _places(values: NDArray[np.float64]) -> int:
-    """Return to how many places numbers are written, so that the largest has two digits."""
+    """Return to how many places numbers are written, so that the largest has two digits if it can.
+
+    What is only the rounding of 0 has as few as what is 0.
+    """
     most = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
-    return max(2, 1 - math.floor(math.log10(most))) if most else 2
+    places = 1 - math.floor(math.log10(most)) if most else 0
+    return max(2, places) if places <= MOST_PLACES else 2
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:

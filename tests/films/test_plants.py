@@ -129,8 +129,9 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     fallen = record(weak, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     axes, _ = _plot(Figure(), [fallen], fallen.end)
     assert axes[2].get_ylim() == pytest.approx((-4.4, 4.4))  # though it falls at once
-    replay.state[:, 0] *= 1e-3
-    assert dict(replay.readouts(0))["cart [m]"] == f"{replay.state[0, 0]:+z.5f}"
+    for most, places in ((3.0, 2), (0.05, 3), (1e-3, 4), (3e-5, 2), (1e-17, 2), (0.0, 2)):
+        replay.state[:, 0] = np.linspace(0.0, -most, len(replay.time))
+        assert dict(replay.readouts(-1))["cart [m]"] == f"{-most:+z.{places}f}"
 
 
 SLIDER = """<mujoco><worldbody>{first}<body name="b">
