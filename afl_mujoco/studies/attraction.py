@@ -122,10 +122,8 @@ def prepare(options: Options) -> Request:
 def _reach(name: str, given: float | None, scenario: Scenario, around: float = 0.0) -> float:
     """Return how far a state goes from its target, within its range and what ends a run."""
     unit = scenario.plant.units[name]
-    about, (low, high) = (
-        scenario.about(name),
-        kept_within(scenario).get(name, (-math.inf, math.inf)),
-    )
+    about = scenario.about(name)
+    low, high = kept_within(scenario).get(name, (-math.inf, math.inf))
     end = min(high - about, about - low, scenario.ends_at.get(name, math.inf))
     if end <= 0.0:
         rule = "must lie within its end stops and its range in the MJCF, for a map about it"
