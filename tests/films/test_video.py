@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import afl_mujoco as afl
-from afl_mujoco.errors import FileError
+from afl_mujoco.errors import FileError, GraphicsError
 from afl_mujoco.films.listing import LISTING
 from afl_mujoco.films.replay import record
-from afl_mujoco.films.video import make_films, plan, side_by_side
+from afl_mujoco.films.video import make_films, plan, side_by_side, write_video
 from afl_mujoco.scenario.time_steps import Deployed
 
 pytestmark = pytest.mark.slow
@@ -58,6 +58,13 @@ def test_a_film_knows_its_limits_and_verdict_and_a_fallen_run_stands_still(growi
     assert after.sum() > 5 and not fallen.inputs[after].any() and not fallen.channels[after].any()
     for array in (fallen.state, fallen.values):
         assert len(np.unique(array[after], axis=0)) == 1
+
+
+def test_an_encoder_that_is_not_there_is_named_and_nothing_is_written(tmp_path, monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
+    with pytest.raises(GraphicsError, match=r"ffmpeg must be installed .*, got /nowhere/ffmpeg"):
+        write_video([], tmp_path / "film.mp4", SIZE, 30, "film")
+    assert not [*tmp_path.iterdir()]
 
 
 def test_processes_make_the_same_films_each_alone_and_side_by_side(graphics, growing, tmp_path):

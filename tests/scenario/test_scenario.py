@@ -11,6 +11,8 @@ from afl_mujoco.errors import AflMujocoError
 from afl_mujoco.scenario.time_steps import time_grid
 from tests.messages import line
 
+BALL = """<mujoco><worldbody><body><joint name="x" type="slide"/><geom size="1"/></body>
+</worldbody></mujoco>"""
 PULSE = afl.ForcePulse(force=-10.0, start=2.0, duration=0.5)
 
 
@@ -74,6 +76,8 @@ def test_a_pulse_acts_to_just_before_its_end_pulses_add_up_and_impulses_come_fir
      "run, got [9.81, 1.62]"),
     ({"initial_state": {"psi": 1}},
      "initial_state name must be one of z, phi, z_dot, phi_dot, got 'psi'; did you mean phi?"),
+    ({"plant": afl.Plant(name="ball", coordinates=("x",), model=BALL), "schedule": {"m": 1.0}},
+     "schedule name must be left out: there is none, got 'm'"),
 ], ids=lambda value: "-".join(value) if isinstance(value, dict) else "")  # fmt: skip
 def test_a_scenario_that_breaks_a_rule_is_refused_in_one_line(fields, message):
     with pytest.raises(AflMujocoError, match=line(message)):
