@@ -160,6 +160,11 @@ def kept_processes() -> Iterator[None]:
             pool.shutdown()
 
 
+def waiting_workers() -> int:
+    """Return how many processes wait for work, 1 for this one: what is too short to start any."""
+    return max(_idle or (1,))
+
+
 @contextmanager
 def open_processes(workers: int) -> Iterator[Executor]:
     """Yield an executor on worker processes, and end them; at once if the block raises.

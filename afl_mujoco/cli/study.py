@@ -131,9 +131,7 @@ class StudyCommand:
                 say(f"interrupted: wrote {save_partial(record, folder, early.done)}")
                 raise
             record = Record(study=study, result=result, command=command, inputs=inputs)
-            files = save_record(
-                record, folder, figures=self.page, workers=who.get("workers", 1), progress=progress
-            )
+            files = save_record(record, folder, figures=self.page, progress=progress)
         if getattr(request, "film", False):
             from afl_mujoco.films.video import make_films
 

@@ -298,8 +298,8 @@ def compare(
     return run(Request(as_scenarios(scenarios), used, deployed, draws).require())
 
 
-def run(request: Request, *, progress: Progress = silent) -> Result:
-    """Run every controller on every draw of every scenario."""
+def run(request: Request, *, progress: Progress = silent, workers: int = 1) -> Result:
+    """Run every controller on every draw of every scenario, whose bits no worker changes."""
     scenarios, controllers, deployed, draws, _ = request
     rows: list[Run] = []
     figures: list[Figures] = []
@@ -308,7 +308,7 @@ def run(request: Request, *, progress: Progress = silent) -> Result:
     advance = counted(progress, "simulating", len(scenarios) * len(controllers))
     for scenario, controller in itertools.product(scenarios, controllers):
         drawn = draws_of(scenario, draws)
-        runs, kept = zip(*run_kept(controller, drawn, deployed), strict=True)
+        runs, kept = zip(*run_kept(controller, drawn, deployed, workers), strict=True)
         if len(scenarios) > 1 or len(drawn) > 1:
             require_alike(controller, drawn[0], runs[0], deployed)
         rows += numbered(runs)

@@ -8,7 +8,7 @@ import afl_mujoco as afl
 from afl_mujoco.films.listing import load_listing
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
-from afl_mujoco.studies.compare import Result, compare, report
+from afl_mujoco.studies.compare import Options, Result, compare, prepare, report, run
 from afl_mujoco.studies.shared.contract import find_study
 from afl_mujoco.studies.shared.record import load_record
 from afl_mujoco.studies.shared.tables import metrics_matrix
@@ -144,7 +144,8 @@ def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, c
     alone = afl.simulate_mujoco(scenario, "lqr").metrics
     assert found.table[0]["peak_z"] == alone["peak_z"]  # the first draw is the file's own
     assert ("draws" in report(found).headline) == (count > 1)
-    assert compare(scenario, "lqr", draws=draws).table == found.table
+    again = prepare(Options(controllers=("lqr",)))._replace(scenarios=[scenario], draws=draws)
+    assert run(again, workers=2).table == found.table
 
 
 def test_the_library_takes_functions_classes_and_names(rig) -> None:

@@ -27,7 +27,7 @@ from afl_mujoco.files import (
     require_no_folder,
     write_text,
 )
-from afl_mujoco.pool import interrupts_put_off, is_interrupt
+from afl_mujoco.pool import interrupts_put_off, is_interrupt, waiting_workers
 from afl_mujoco.report.blocks import (
     Figure,
     Replay,
@@ -83,7 +83,6 @@ def save_record(
     folder: Path,
     *,
     figures: bool = True,
-    workers: int = 1,
     progress: Progress = silent,
 ) -> list[Path]:
     """Write a record in place of an older one of its study, and return what was written.
@@ -98,7 +97,8 @@ def save_record(
     path, failure = folder / f"{study.stem}.json", None
     with hidden_folder(folder, "results") as staging:
         try:
-            compute(partial(_write, folder=staging), drawn_of(shown), "drawing", progress, workers)
+            write = partial(_write, folder=staging)
+            compute(write, drawn_of(shown), "drawing", progress, waiting_workers())
         except BaseException as error:
             if is_interrupt(error) and path.is_file():
                 raise
