@@ -240,7 +240,7 @@ class Scenario:
         for i, disturbance in enumerate(self.disturbances):
             thing = f"disturbances[{i}]"
             require_type(thing, disturbance, ForcePulse | Impulse)
-            channel_of(disturbance, plant)
+            channel_of(disturbance, plant, thing)
             end = max(disturbance.breakpoints)
             struck_at_end = isinstance(disturbance, Impulse) and end == self.duration
             if end > self.duration or struck_at_end:

@@ -352,20 +352,20 @@ def channels_of(plant: Plant) -> tuple[str, ...]:
     return (*plant.inputs, *plant.coordinates)
 
 
-def channel_of(one: ForcePulse | Impulse, plant: Plant) -> int:
+def channel_of(one: ForcePulse | Impulse, plant: Plant, thing: str = "disturbance") -> int:
     """Return which of the channels of a plant a disturbance acts on, or raise."""
     if one.input and one.coordinate:
-        raise InvalidValueError("disturbance", "must act on an input or a coordinate, not both")
+        raise InvalidValueError(thing, "must act on an input or a coordinate, not both")
     if one.coordinate:
         if one.coordinate not in plant.coordinates:
-            raise UnknownNameError.among("coordinate", one.coordinate, plant.coordinates)
+            raise UnknownNameError.among(f"{thing}.coordinate", one.coordinate, plant.coordinates)
         return len(plant.inputs) + plant.coordinates.index(one.coordinate)
     if one.input:
         if one.input not in plant.inputs:
-            raise UnknownNameError.among("input", one.input, plant.inputs)
+            raise UnknownNameError.among(f"{thing}.input", one.input, plant.inputs)
         return plant.inputs.index(one.input)
     if len(plant.inputs) != 1:
         inputs, others = ", ".join(plant.inputs), ", ".join(plant.coordinates)
         rule = f"must say its input ({inputs or 'none'}) or its coordinate ({others})"
-        raise InvalidValueError("disturbance", rule)
+        raise InvalidValueError(thing, rule)
     return 0

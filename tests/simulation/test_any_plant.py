@@ -129,7 +129,7 @@ def test_without_an_end_a_pole_swings_round_and_is_measured_modulo_a_turn() -> N
      "imperfections.noise name must be one of way"),
     ({"requirements": afl.Requirements(max={"force": 1.0})},
      "requirements.max name must be one of way"),
-    ({"disturbances": (HIT,)}, "coordinate must be one of way, lean"),
+    ({"disturbances": (HIT,)}, r"disturbances\[0\]\.coordinate must be one of way, lean"),
 ])  # fmt: skip
 def test_a_name_of_another_plant_is_refused_with_those_of_this(changes, message) -> None:
     with pytest.raises(AflMujocoError, match=f"^{message}"):
