@@ -20,24 +20,12 @@ from afl_mujoco.studies.shared.robustness import Settings
 from afl_mujoco.studies.thresholds import Request
 from afl_mujoco.studies.thresholds import run as find_thresholds
 
-
-@dataclass(frozen=True, kw_only=True)
-class Rig:
-    cart: float = 3.2
-    pole: float = 0.31
-    half: float = 0.42
-    gravity: float = 9.81
-    rail_damping: float = 4.0
-    hinge_damping: float = 2e-3
-    period: float = 0.005
-    delay: float = 0.0073
-    lag: float = 0.011
-    limit: float = 60.0
-    step_z: float = 1e-4
-    step_phi: float = 1e-3
-    start: float = 0.15
-    push: tuple[float, float, float] = (20.0, 1.6, 0.1034)
-    duration: float = 3.2
+CART, POLE, HALF, GRAVITY = 3.2, 0.31, 0.42, 9.81
+RAIL_DAMPING, HINGE_DAMPING = 4.0, 2e-3
+PERIOD, DELAY, LAG, LIMIT = 0.005, 0.0073, 0.011, 60.0
+STEPS = STEP_Z, STEP_PHI = 1e-4, 1e-3
+START, DURATION = 0.15, 3.2
+PUSH, BEGIN, LASTS = 20.0, 1.6, 0.1034
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,26 +43,25 @@ class Motion:
         return None if len(last) and last[-1] > end - 0.01 else float(max([begin, *last])) - begin
 
 
-def move(rig: Rig, law) -> Motion:
-    begin, lasts = rig.push[1:]
+def move(law, delay: float = DELAY, limit: float = LIMIT) -> Motion:
     sent = [(-1.0, 0.0)]  # when a command arrives at the drive, and it
-    seen, x = None, np.array([0.0, rig.start, 0.0, 0.0, 0.0])
+    seen, x = None, np.array([0.0, START, 0.0, 0.0, 0.0])
     times, states, commands = [], [], []
-    for tick in range(math.ceil(rig.duration / rig.period - 1e-9)):
-        now, end = tick * rig.period, min((tick + 1) * rig.period, rig.duration)
-        position = np.round(x[:2] / (rig.step_z, rig.step_phi)) * (rig.step_z, rig.step_phi)
-        rates = np.zeros(2) if seen is None else (position - seen) / rig.period
+    for tick in range(math.ceil(DURATION / PERIOD - 1e-9)):
+        now, end = tick * PERIOD, min((tick + 1) * PERIOD, DURATION)
+        position = np.round(x[:2] / STEPS) * STEPS
+        rates = np.zeros(2) if seen is None else (position - seen) / PERIOD
         seen = position
         commands.append(law(now, np.concatenate([position, rates])))
-        sent.append((now + rig.delay, float(np.clip(commands[-1], -rig.limit, rig.limit))))
-        cuts = sorted({t for t, _ in sent} | {begin, begin + lasts} | {now, end})
+        sent.append((now + delay, float(np.clip(commands[-1], -limit, limit))))
+        cuts = sorted({t for t, _ in sent} | {BEGIN, BEGIN + LASTS} | {now, end})
         for first, last in pairwise(t for t in cuts if now <= t <= end):
             middle = 0.5 * (first + last)
             wanted = next(f for t, f in reversed(sent) if t <= middle)
-            pushed = rig.push[0] if begin <= middle < begin + lasts else 0.0
+            pushed = PUSH if BEGIN <= middle < BEGIN + LASTS else 0.0
             part = solve_ivp(
                 _slopes, (first, last), x, method="DOP853", rtol=1e-9, atol=1e-11,
-                args=(rig, wanted, pushed), t_eval=np.linspace(first, last, 7),
+                args=(wanted, pushed), t_eval=np.linspace(first, last, 7),
             )  # fmt: skip
             times.append(part.t)
             states.append(part.y.T)
@@ -86,25 +73,24 @@ def move(rig: Rig, law) -> Motion:
     return Motion(time=time, fell=fell, **made)
 
 
-def _slopes(t: float, x: np.ndarray, rig: Rig, wanted: float, pushed: float) -> list[float]:
+def _slopes(t: float, x: np.ndarray, wanted: float, pushed: float) -> list[float]:
     """Lagrange's equations solved for the accelerations, and the lag of the drive."""
     _, phi, v, w, force = x
-    ml, sin, cos = rig.pole * rig.half, math.sin(phi), math.cos(phi)
-    mass = np.array([[rig.cart + rig.pole, -ml * cos], [-ml * cos, 4.0 / 3.0 * ml * rig.half]])
-    cart = force + pushed - rig.rail_damping * v - ml * w * w * sin
-    pole = ml * rig.gravity * sin - rig.hinge_damping * w
-    return [v, w, *np.linalg.solve(mass, [cart, pole]), (wanted - force) / rig.lag]
+    ml, sin, cos = POLE * HALF, math.sin(phi), math.cos(phi)
+    mass = np.array([[CART + POLE, -ml * cos], [-ml * cos, 4.0 / 3.0 * ml * HALF]])
+    cart = force + pushed - RAIL_DAMPING * v - ml * w * w * sin
+    pole = ml * GRAVITY * sin - HINGE_DAMPING * w
+    return [v, w, *np.linalg.solve(mass, [cart, pole]), (wanted - force) / LAG]
 
 
-RIG = Rig()
 SCENARIO = afl.Scenario(
-    name="own-rig", duration=RIG.duration, initial_state=(0.0, RIG.start, 0.0, 0.0),
-    schedule={"cart_mass": RIG.cart, "half_length": RIG.half, "pole_mass": RIG.pole},
-    disturbances=(afl.ForcePulse(force=RIG.push[0], start=RIG.push[1], duration=RIG.push[2]),),
+    name="own-rig", duration=DURATION, initial_state=(0.0, START, 0.0, 0.0),
+    schedule={"cart_mass": CART, "half_length": HALF, "pole_mass": POLE},
+    disturbances=(afl.ForcePulse(force=PUSH, start=BEGIN, duration=LASTS),),
     imperfections=afl.Imperfections(
-        control_period=RIG.period, delay=RIG.delay, lag=RIG.lag, input_limit=RIG.limit,
-        encoder_step={"z": RIG.step_z, "phi": RIG.step_phi}, differentiated=True,
-        damping={"z": RIG.rail_damping, "phi": RIG.hinge_damping},
+        control_period=PERIOD, delay=DELAY, lag=LAG, input_limit=LIMIT,
+        encoder_step={"z": STEP_Z, "phi": STEP_PHI}, differentiated=True,
+        damping={"z": RAIL_DAMPING, "phi": HINGE_DAMPING},
     ),
     requirements=afl.Requirements(max={"force": 60.0, "force_command": 200.0},
                                   settling_time=1.5, recover_within=1.4),
@@ -128,23 +114,22 @@ def law_of(name):
 @pytest.mark.parametrize("name", GAINS)
 def test_states_forces_and_times_are_those_of_the_integration_from_scratch(name: str) -> None:
     """Encoders amplify round-off, a count at a time, so that the runs agree to a few counts."""
-    mine, law = move(RIG, law_of(name)), law_of(name)
+    mine, law = move(law_of(name)), law_of(name)
     run = afl.simulate_mujoco(SCENARIO, law)
     assert not mine.fell and run.outcome.kind == "completed"
-    for column, most in ((0, 8.0 * RIG.step_z), (1, 3.0 * RIG.step_phi)):
+    for column, most in ((0, 8.0 * STEP_Z), (1, 3.0 * STEP_PHI)):
         there = np.interp(run.time, mine.time, mine.state[:, column])
         assert np.abs(run.state[:, column] - there).max() <= most < 0.02 * np.ptp(there)
     most = [np.abs(x).max() for x in (mine.command, mine.force)]
     expected = [*most, float(np.trapezoid(mine.force**2, mine.time))]
     found = [run.metrics[name] for name in ("max_command", "max_force", "force_squared")]
     assert found == pytest.approx(expected, rel=0.02)
-    limited = np.mean(np.abs(mine.command) >= RIG.limit)
+    limited = np.mean(np.abs(mine.command) >= LIMIT)
     assert run.metrics["limited_share"] == pytest.approx(limited, abs=0.01)
     assert (limited > 0.0) == (name == "greedy")
     (row,) = afl.compare(SCENARIO, law, draws=1).rows
     judged = {one.requirement: one.value for one in row.requirements}
-    _, begin, lasts = RIG.push
-    spans = {"settling_time": (0.0, begin), "recover_within": (begin + lasts, RIG.duration)}
+    spans = {"settling_time": (0.0, BEGIN), "recover_within": (BEGIN + LASTS, DURATION)}
     for key, span in spans.items():
         expected = mine.rest(*span)
         assert judged[key] == (expected and pytest.approx(expected, abs=0.03))
@@ -158,6 +143,6 @@ def test_thresholds_of_delay_and_limit_are_those_of_the_integration_from_scratch
     found = find_thresholds(Request([own], (free,), settings, ("delay", "input_limit")))
     for name, field, worse in (("delay", "delay", 1.1), ("input_limit", "limit", 1.0 / 1.1)):
         level = found.sweep(name, "firm").survives.fails_at
-        falls = [move(replace(RIG, **{field: x}), law_of("firm")).fell
+        falls = [move(law_of("firm"), **{field: x}).fell
                  for x in (level / worse, level * worse)]  # fmt: skip
         assert falls == [False, True], name
