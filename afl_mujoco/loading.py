@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import importlib
+import ast
+import importlib.util
 import os
 import signal
 import sys
 import threading
 import time as clock
 import traceback
-from collections.abc import Iterator
-from contextlib import chdir, contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import chdir, contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +19,9 @@ from typing import Any
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
 
 LIMIT = 60.0  # how long an import, or a call of what is called again and again, may take [s]
+
+INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parent}/")
+"""Parts of the paths of files that are no user's."""
 
 
 class Overrun(BaseException):
@@ -97,10 +101,51 @@ def look_in(folder: str | Path) -> None:
         sys.path.append(str(folder))
 
 
+def require_own(folder: Path, names: Iterable[str]) -> None:
+    """Raise if an import would not get the file of a folder, but one of another folder's.
+
+    One process has one module of a name; an installed one has it before any folder.
+    """
+    waiting = [*names]
+    for name in waiting:  # which grows
+        base = folder.joinpath(*name.split("."))
+        mine = [x for x in (base / "__init__.py", base.with_name(f"{base.name}.py")) if x.is_file()]
+        if not mine:
+            continue
+        file = "" if "." in name else _found(name)
+        if any(part in file for part in INSTALLED):
+            continue
+        if file.endswith(".py") and not mine[0].samefile(file):
+            rule = f"must be of {mine[0]}: give one of the two another name"
+            raise InvalidValueError(f"import of {name}", rule, file)
+        waiting += [one for one in imported_by(mine[0]) if one not in waiting]
+
+
+def _found(name: str) -> str:
+    """Return the file that an import of a name would get, or has got; nothing if there is none."""
+    with suppress(ValueError):  # a module without a spec, as `__main__`
+        if spec := importlib.util.find_spec(name):
+            return spec.origin or ""
+    return ""
+
+
+def imported_by(file: Path) -> list[str]:
+    """Return the modules that a file imports anywhere, each after the packages that it is in."""
+    found = []
+    for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
+        if isinstance(node, ast.Import):
+            found += [one.name for one in node.names]
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            found += [f"{node.module}.{one.name}" for one in node.names]
+    split = [name.split(".") for name in found]
+    return [".".join(parts[: n + 1]) for parts in split for n in range(len(parts))]
+
+
 def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line."""
     look_in(folder)
     with importing(thing):
+        require_own(Path(folder), (name.split(".")[0], name))
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:

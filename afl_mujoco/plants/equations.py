@@ -24,7 +24,7 @@ from afl_mujoco.errors import (
     UnknownNameError,
     told,
 )
-from afl_mujoco.loading import told_of
+from afl_mujoco.loading import INSTALLED, told_of
 from afl_mujoco.plants.plant import Floats, Plant
 
 Fill = Callable[..., None]  # a function (q, v, u, p, out) that fills `out`
@@ -34,9 +34,6 @@ POINTS = 20
 
 AGREE = 1e-9  # how well they must agree: compilers reorder sums, and no mistake is that small
 ROUNDING = 1e-12  # what of the largest number may be left where terms cancel
-
-INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parents[1]}/")
-"""Parts of paths of modules that do not change between two runs; the last of our own."""
 
 
 class Points(NamedTuple):

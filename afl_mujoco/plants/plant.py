@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.loading import import_from, importing, look_in
+from afl_mujoco.loading import import_from, imported_by, importing, look_in, require_own
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
@@ -605,6 +605,7 @@ def _run_file(path: Path) -> tuple[ModuleType, str]:
     text = hashlib.sha256(path.read_bytes()).hexdigest()
     try:
         with importing(str(path)):
+            require_own(path.parent, imported_by(path))
             made.loader.exec_module(module)
     except BaseException:
         del sys.modules[name]

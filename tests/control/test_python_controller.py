@@ -1,9 +1,11 @@
 """A controller of one's own: loaded by name, run, and answered in one line when it misbehaves."""
 
+import importlib
 import json
 import math
 import os
 import pickle
+import re
 import signal
 import sys
 import threading
@@ -28,7 +30,7 @@ from afl_mujoco.simulation.ode_fixed_step import Holds
 from tests import program
 from tests.feedback import force_of
 from tests.messages import line
-from tests.plants.plants import known
+from tests.plants.plants import known, small
 
 ASSUMED = np.array([1.0, 0.05, 0.5, 9.81])
 STATE = np.array([0.1, -0.2, 0.3, 0.4])
@@ -340,6 +342,27 @@ def test_a_file_names_the_module_that_it_is(spec, module, tmp_path):
     assert found.name == ("sub.m_file.f" if "sub" in spec else "m_file.f")
     assert found.command(0.0, STATE, ASSUMED) == 3.0
     assert pickle.loads(pickle.dumps(found)).name == found.name
+
+
+@pytest.mark.parametrize("first", ["controller", "plant"])
+def test_a_module_beside_a_file_is_never_taken_from_another_folder(first, module, tmp_path):
+    folders, name = {"controller": tmp_path, "plant": tmp_path / "plants"}, f"helps_{first}"
+    folders["plant"].mkdir()
+    for kind, folder in folders.items():
+        (folder / f"{name}.py").write_text("LENGTH = 0.5\n")
+        (folder / f"{kind}_{name}.py").write_text(f"def length():\n    import {name}\n")
+    module(f"used_{name}", f"from controller_{name} import length\ndef f(t, x, b): return 0.0\n")
+    loads = {
+        "controller": lambda: afl.find_controller(f"used_{name}:f"),
+        "plant": lambda: small(folders["plant"], ("def write", f"import plant_{name}\ndef write")),
+    }
+    loads.pop(first)()
+    importlib.import_module(name)  # as a call would
+    ((second, load),) = loads.items()
+    mine, other = (re.escape(f"{folders[one]}/{name}.py") for one in (second, first))
+    said = f"import of {name} must be of {mine}: give one of the two another name, got {other}$"
+    with pytest.raises(InvalidValueError, match=said):
+        load()
 
 
 def pd(state):
