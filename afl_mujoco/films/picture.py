@@ -93,6 +93,7 @@ def frames(
     behind[0] = write(behind[0], [subtitle])
     above = max(letters * len(titles[-1]), 16 * len(subtitle.text) * alone) * LETTER * s
     behind[-1] = write(behind[-1], _legend(replays[0], held, alone, part[0], above, s))
+    columns = [_columns(one, part[0], s) for one in replays]
     stage = Stage.of(replays, fps, part, frame)
     with mujoco.Renderer(stage.model.mj_model, part[1], part[0]) as renderer:
         end = min(_end(replays), replays[0].plan.duration)
@@ -103,7 +104,7 @@ def frames(
             parts = zip(replays, stage.paths, behind, strict=True)
             for k, (replay, path, back) in enumerate(parts):
                 drawn, left = stage.draw(renderer, replay, index, path), k * part[0]
-                texts = _numbers(replay, index, part, s, ending)
+                texts = _numbers(replay, index, columns[k], part, s, ending)
                 picture[: part[1], left : left + part[0]] = write(np.maximum(drawn, back), texts)
                 if k > 0:
                     picture[: part[1], left] = DIVIDER
@@ -162,22 +163,33 @@ def _legend(
     ]
 
 
+def _columns(replay: Replay, width: int, s: float) -> list[float]:
+    """Return where readouts stand [px]: those that fit when each is as long as it ever is."""
+    told = [replay.readouts(index) for index in range(len(replay.time))]
+    labels = np.array([len(label) for label, _ in told[0]])
+    values = np.max([[len(value) for _, value in one] for one in told], axis=0)
+    letters = np.maximum(16 * labels, 24 * values)
+    count = np.count_nonzero(np.cumsum(LETTER * letters + 16) <= (width - 28 * s) / s)
+    weights = (np.maximum(labels, 1.5 * values) + 2.0)[:count]
+    shares = (np.cumsum(weights) - weights) / weights.sum()
+    places: list[float] = (28 * s + (width - 36 * s) * shares).tolist()
+    return places
+
+
 def _numbers(
-    replay: Replay, index: int, size: tuple[int, int], s: float, ending: bool
+    replay: Replay,
+    index: int,
+    columns: list[float],
+    size: tuple[int, int],
+    s: float,
+    ending: bool,
 ) -> list[Text]:
     """Return what changes over a run: readouts, and how it ended."""
     width, height = size
     texts: list[Text] = []
-    numbers = [(label, value.replace("-", "−")) for label, value in replay.readouts(index)]
-    letters = np.array([max(16 * len(label), 24 * len(value)) for label, value in numbers])
-    fit = np.cumsum(LETTER * letters + 16) <= (width - 28 * s) / s
-    numbers = numbers[: int(np.count_nonzero(fit))]
-    weights = np.array([max(len(label), 1.5 * len(value)) + 2.0 for label, value in numbers])
-    shares = np.concatenate([[0.0], np.cumsum(weights / weights.sum())])
-    columns = 28 * s + (width - 36 * s) * shares
-    for x, (label, value) in zip(columns.tolist(), numbers, strict=False):
+    for x, (label, value) in zip(columns, replay.readouts(index), strict=False):
         texts.append(Text(x, height - 52 * s, label, 16 * s, QUIET))
-        texts.append(Text(x, height - 20 * s, value, 24 * s, mono=True))
+        texts.append(Text(x, height - 20 * s, value.replace("-", "−"), 24 * s, mono=True))
     said = [one for one in (replay.ended(index), replay.verdict if ending else "") if one]
     most = max(8, int((width / s - 56) / (17 * LETTER)))
     lines = enumerate(line for one in said for line in wrap(one, most))
@@ -261,8 +273,8 @@ def _plot(figure: Figure, replays: Sequence[Replay], end: float) -> tuple[list[A
     for axis, name in zip(axes, names, strict=False):
         for limit in replays[0].limits(name):
             axis.axhline(limit, color=LIMIT, lw=1.0, ls=":")
-    for axis, (_, _, curve) in zip(axes[len(names) :], changing, strict=False):
-        lines += axis.plot(replays[0].time, curve, color=BLACK, lw=1.2)
+    for axis, (name, *_) in zip(axes[len(names) :], changing, strict=False):
+        lines += axis.plot(longest.run.time, longest.run.parameters[name], color=BLACK, lw=1.2)
     handles = lines[: count * len(replays) : count]
     look: dict[str, Any] = {"ncols": 4, "frameon": False, "handlelength": 2.6}
     figure.legend(handles=handles, loc="outside upper center", **look)

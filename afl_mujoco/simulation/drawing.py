@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import mujoco
@@ -375,26 +375,38 @@ def add_forces(
 
 
 def _ways(model: SimulatedModel) -> list[tuple[int, Floats, Floats]]:
-    """Return body, place [m] and direction of the force of each channel; 0 where it has none."""
+    """Return geom, place [m] and direction of the force of each channel; 0 where it has none.
+
+    The geom is the first that a joint moves, or -1.
+    """
     m, d, kind = model.mj_model, model.mj_data, mujoco.mjtTrn
     found: list[tuple[int, Floats, Floats]] = []
 
     def along(joint: int, gear: float) -> None:
         body, slides = m.jnt_bodyid[joint], m.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
-        first = d.geom_xpos[m.body_geomadr[body]] if m.body_geomnum[body] else d.xpos[body]
-        found.append((body, first.copy(), gear * slides * d.xaxis[joint]))
+        moved = (i for i in range(m.ngeom) if body in _with_all_above(m, int(m.geom_bodyid[i])))
+        first = next(moved, -1)
+        place = d.xpos[body] if first < 0 else d.geom_xpos[first]
+        found.append((first, place.copy(), gear * slides * d.xaxis[joint]))
 
     for i in range(m.nu):
         one = int(m.actuator_trnid[i, 0])
         if m.actuator_trntype[i] == kind.mjTRN_SITE:
             turned = d.site_xmat[one].reshape(3, 3)
             way = m.actuator_gainprm[i, 0] * (turned @ m.actuator_gear[i, :3])
-            found.append((0, d.site_xpos[one].copy(), way))
+            found.append((-1, d.site_xpos[one].copy(), way))
         else:
             along(one, m.actuator_gear[i, 0] * m.actuator_gainprm[i, 0])
     for joint in range(m.njnt):
         along(joint, 1.0)
     return found
+
+
+def _with_all_above(m: mujoco.MjModel, body: int) -> Iterator[int]:
+    """Yield a body and those that it is in, but not the world."""
+    while body:
+        yield body
+        body = int(m.body_parentid[body])
 
 
 def _add_arrow(
@@ -405,16 +417,15 @@ def _add_arrow(
     colour: Colour,
 ) -> None:
     """Draw a force; what pulls begins where it acts, and what pushes ends there."""
-    m, (body, place, along) = model.mj_model, way
+    m, (first, place, along) = model.mj_model, way
     pull, size = force * along, m.stat.extent
     if (strength := float(np.linalg.norm(pull))) == 0.0:
         return
     length, ahead = size * min(ARROW * math.sqrt(strength), LONGEST), pull / strength
     edge = 0.0
-    if body and m.body_geomnum[body]:  # at the side of the body, not within it
-        geom = int(m.body_geomadr[body])
-        turned = model.mj_data.geom_xmat[geom].reshape(3, 3)
-        edge = float(np.abs(ahead @ turned) @ m.geom_aabb[geom, 3:])  # half its box
+    if first >= 0:  # at its side, not within it
+        turned = model.mj_data.geom_xmat[first].reshape(3, 3)
+        edge = float(np.abs(ahead @ turned) @ m.geom_aabb[first, 3:])  # half its box
     start = place + edge * ahead if colour == FORCE else place - (edge + length) * ahead
     kind = mujoco.mjtGeom.mjGEOM_ARROW
     geom = add_geom(scene, kind, (1.0, 1.0, 1.0), np.zeros(3), colour)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
-from afl_mujoco.films.picture import _plot, draw_plots
+from afl_mujoco.films.picture import _columns, _numbers, _plot, draw_plots
 from afl_mujoco.films.replay import record
 from afl_mujoco.films.scene import Frame, Stage, pose
 from afl_mujoco.films.video import make_films, side_by_side
@@ -168,9 +168,22 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
     np.testing.assert_allclose(limits, [-ref - 0.8, -ref + 0.8], atol=1e-6)
 
 
-def test_an_arrow_points_where_the_drive_pushes():
-    plant = afl.Plant(name="slider", model=SLIDER.format(ref=0, at=0, first=""),
-                      coordinates=("x",), inputs=("pull",))  # fmt: skip
+def test_readouts_stand_where_they_stood_in_a_film():
+    scenario = afl.Scenario(name="long", initial_state={"phi": 0.1}, duration=11.0)
+    replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
+    for width, count in ((640, 6), (320, 3)):  # t = 10.00 is longer than 9.90
+        columns = _columns(replay, width, 1.0)
+        for index in range(len(replay.time)):
+            texts = _numbers(replay, index, columns, (width, 360), 1.0, False)
+            assert [one.x for one in texts[::2]] == columns and len(columns) == count
+
+
+@pytest.mark.parametrize("within", [False, True])
+def test_an_arrow_points_where_the_drive_pushes(within):
+    model = SLIDER.format(ref=0, at=0, first="")
+    if within:  # what the slide moves is drawn of a body in its own
+        model = model.replace("<geom", "<body><geom").replace("</body>", "</body></body>")
+    plant = afl.Plant(name="slider", model=model, coordinates=("x",), inputs=("pull",))
     model = drawn_model(afl.Scenario(name="s", plant=plant))
     model.mj_data.ctrl[0] = 2.0
     mujoco.mj_forward(model.mj_model, model.mj_data)
@@ -178,6 +191,7 @@ def test_an_arrow_points_where_the_drive_pushes():
     add_forces(scene, model, np.array([2.0]), np.zeros(2))
     (arrow,) = scene.geoms[: scene.ngeom]
     assert np.sign(arrow.mat[0, 2]) == np.sign(model.mj_data.qacc[0]) == -1.0
+    assert arrow.pos[0] == pytest.approx(-0.1)  # from the side of the box on
 
 
 @pytest.mark.parametrize(("coordinate", "ghost"), [("phi", False), ("z", True)])
