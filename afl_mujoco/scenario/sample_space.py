@@ -17,6 +17,7 @@ from afl_mujoco.scenario.parameters import LARGEST_START_ANGLE
 from afl_mujoco.scenario.ranges import Range, hardware_of, scheduled, variable
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.schedules import Schedule, constant, staircase, trapezoid
+from afl_mujoco.values import within
 
 PARTS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {
@@ -58,9 +59,10 @@ class SampleSpace:
                 rule = f"must be more than {least:g} s, for the instants of changes"
                 raise InvalidValueError("duration", rule, duration)
         names = self.scenario.plant.coordinates
-        for name, x in zip(names, self.scenario.initial_state, strict=False):
-            self._require_within_stop(name, x)
-        _ = self.corners  # raises where a sample would
+        with within("at an end of [ranges], "):
+            for name, x in zip(names, self.scenario.initial_state, strict=False):
+                self._require_within_stop(name, x)
+            _ = self.corners  # raises where a sample would
 
     def _require_within_stop(self, name: str, x: float) -> None:
         key, unit = f"end_stops.{name}", self.scenario.plant.units[name]

@@ -88,9 +88,13 @@ def test_a_range_must_be_of_one_thing_and_of_the_form_that_the_file_has() -> Non
 def test_a_space_that_cannot_be_drawn_from_is_refused() -> None:
     with pytest.raises(AflMujocoError, match=r"scenario 'nominal' must say in \[ranges\] what"):
         SampleSpace(afl.SCENARIOS["nominal"])
-    rail, ranges = afl.Imperfections(end_stops={"z": 1.0}), {"z": (-2.0, 2.0)}
-    with pytest.raises(AflMujocoError, match="initial_state z must lie within the shortest end_st"):
-        SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
+    rail = afl.Imperfections(end_stops={"z": 1.0})
+    for ranges, said in (
+        ({"z": (-2.0, 2.0)}, "initial_state z must lie within the shortest end_stops.z, 1 m"),
+        ({"delay": (0.0, 60.0)}, "imperfections.delay must be shorter than the duration"),
+    ):
+        with pytest.raises(AflMujocoError, match=rf"^at an end of \[ranges\], {said}"):
+            SampleSpace(replace(LABORATORY, ranges=ranges, imperfections=rail))
     own = afl.Scenario(name="own", ranges={"cart_mass": (1.0, 2.0)}, duration=0.008)
     with pytest.raises(AflMujocoError, match=r"^duration must be more than 0\.008 s, for"):
         SampleSpace(own)
