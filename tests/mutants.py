@@ -58,30 +58,24 @@ BINARY = "Add_Sub Sub_Add Mul_Div Div_Mul Pow_Mul FloorDiv_Div Mod_FloorDiv"
 COMPARISONS = (
     "Lt_LtE Lt_GtE LtE_Lt LtE_Gt Gt_GtE Gt_LtE GtE_Gt GtE_Lt Eq_NotEq NotEq_Eq Is_IsNot IsNot_Is"
 )
-OPERATORS = (
-    *(f"ReplaceBinaryOperator_{one}" for one in BINARY.split()),
-    *(f"ReplaceComparisonOperator_{one}" for one in COMPARISONS.split()),
-    *("ReplaceUnaryOperator_Delete_USub", "ReplaceUnaryOperator_Delete_Not"),
-    *("AddNot", "ReplaceAndWithOr", "ReplaceOrWithAnd", "ReplaceTrueWithFalse"),
-    *("ReplaceFalseWithTrue", "ReplaceBreakWithContinue", "ReplaceContinueWithBreak"),
-    *("ZeroIterationForLoop", "NumberReplacer"),
-)
+OTHERS = """ReplaceUnaryOperator_Delete_USub ReplaceUnaryOperator_Delete_Not AddNot ReplaceAndWithOr
+ReplaceOrWithAnd ReplaceTrueWithFalse ReplaceFalseWithTrue ReplaceBreakWithContinue
+ReplaceContinueWithBreak ZeroIterationForLoop NumberReplacer"""
+OPERATORS = [f"ReplaceBinaryOperator_{one}" for one in BINARY.split()]
+OPERATORS += [f"ReplaceComparisonOperator_{one}" for one in COMPARISONS.split()] + OTHERS.split()
 
 NOT_CHANGED = {"raise_stmt", "assert_stmt", "fstring", "decorator", "tfpdef"}
 
-LATE = (
-    *("tests/control/test_baselines.py", "tests/studies/test_thresholds.py"),
-    *("tests/simulation/test_gym_env.py", "tests/studies/test_margins.py"),
-    *("tests/simulation/test_task.py", "tests/studies/test_montecarlo.py"),
-    *("tests/studies/test_robustness.py", "tests/simulation/test_graphics.py"),
-)
+LATE = [
+    f"tests/{one}.py"
+    for one in """control/test_baselines studies/test_thresholds
+simulation/test_gym_env studies/test_margins simulation/test_task studies/test_montecarlo
+studies/test_robustness simulation/test_graphics""".split()
+]
 """Tests that take longest; they run last."""
 
-FOLDERS = (
-    *("control", "films", "identification", "plants", "report", "scenario", "simulation"),
-    *("studies", "docs/test_content.py"),
-    *("test_properties.py", "test_own_rig.py", "test_right_answers.py"),
-)
+FOLDERS = """control films identification plants report scenario simulation studies
+docs/test_content.py test_properties.py test_own_rig.py test_right_answers.py""".split()
 """Tests of what is computed."""
 
 QUICK = ("-m", "not slow")
@@ -221,8 +215,8 @@ def equivalents() -> dict[tuple[str, str, str], str]:
 class Tests:
     """Which tests come first: those that noticed other mutants of the file, its own, importers."""
 
-    def __init__(self, before, *, only_likely: bool) -> None:
-        self._only_likely, self._noticed = only_likely, defaultdict(Counter)
+    def __init__(self, before) -> None:
+        self._noticed = defaultdict(Counter)
         for one in before:
             if one.outcome == KILLED:
                 self.learn(one.file, one.by)
@@ -258,9 +252,8 @@ class Tests:
             likely = self.likely(mutant.file)
             yield copies.tests(root, [*QUICK, *likely], LIKELY_LIMIT)
             yield copies.verdict(root)
-            if not self._only_likely:
-                rest = [name for name in self.files if name not in likely]
-                yield copies.tests(root, [*QUICK, *rest])
+            rest = [name for name in self.files if name not in likely]
+            yield copies.tests(root, [*QUICK, *rest])
 
         def in_time(root: Path):
             try:
@@ -326,7 +319,6 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", metavar="PART", help="parts of their names")
     parser.add_argument("--resume", action="store_true", help="keep what --out has of the sample")
     parser.add_argument("--survivors", action="store_true", help="as --resume, survivors anew")
-    parser.add_argument("--brief", action="store_true", help="without the unlikely tests")
     parser.add_argument("--out", type=Path, default=RESULT, metavar="FILE", help="a JSON")
     parser.add_argument("--list", action="store_true", help="only print the sample")
     options = parser.parse_args()
@@ -348,7 +340,7 @@ def main() -> int:
             save(options.out, list(found.values()), len(places), options.seed)
 
     left = [one for one in sample if one.key not in found]
-    tests = Tests(before.values(), only_likely=options.brief)
+    tests = Tests(before.values())
     asked = (max(1, options.jobs), [*QUICK, *tests.files], tests.checks)
     for mutant, by in faulty_copies.check_all(left, *asked) if left else ():
         found[mutant.key] = found_of(mutant, KILLED if by else SURVIVED, by)
