@@ -123,7 +123,7 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     draw_plots(both, (320, 180))
     assert "cart_mass [kg]" in labels
     steps = [one.run.inputs[:, 0].tolist() for one in both]  # between two frames a force may peak
-    assert [seen[k].tolist() for k in (2, 5)] == steps
+    assert [seen[k].tolist() for k in (2, 5)] == steps and len(seen[6]) == len(both[1].run.time)
     weak = replace(scenario, initial_state={"phi": -1.4},
                    imperfections=afl.Imperfections(input_limit=4.0))  # fmt: skip
     fallen = record(weak, afl.CONTROLLERS["lqr"], Deployed(), FPS)

@@ -6,8 +6,9 @@ import pytest
 import afl_mujoco as afl
 from afl_mujoco.errors import AflMujocoError, InvalidValueError
 from afl_mujoco.scenario.catalogue import HARDWARE_RANGES, LABORATORY, START, with_ranges
+from afl_mujoco.scenario.imperfections import declarations
 from afl_mujoco.scenario.sample_space import SampleSpace, sample_scenario
-from tests.plants.plants import known
+from tests.plants.plants import EXAMPLES, known
 
 RIG = """
 duration = 12.0
@@ -83,6 +84,13 @@ def test_a_range_must_be_of_one_thing_and_of_the_form_that_the_file_has() -> Non
     own = replace(plant, parameters={"delay": afl.Parameter(1.0)})
     with pytest.raises(AflMujocoError, match=r"^ranges\.delay must not be an imperfection and a"):
         afl.Scenario(name="s", plant=own, ranges={"delay": (0.1, 0.2)})
+
+
+def test_a_level_of_noise_is_that_of_every_sensor_and_a_plant_may_be_named() -> None:
+    scenario = afl.Scenario(name="s", plant=f"{EXAMPLES}/quadrotor_load.py:plant")
+    (noise,) = declarations(scenario.plant)["noise.x"].swept
+    places = dict.fromkeys(("noise.x", "noise.z", "noise.pitch", "noise.cable"), 1.0)
+    assert noise.fields == places | {f"{name}_dot": 10.0 for name in places}
 
 
 def test_a_space_that_cannot_be_drawn_from_is_refused() -> None:
