@@ -171,7 +171,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
 def test_readouts_stand_where_they_stood_in_a_film():
     scenario = afl.Scenario(name="long", initial_state={"phi": 0.1}, duration=11.0)
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
-    for width, count in ((640, 6), (320, 3)):  # t = 10.00 is longer than 9.90
+    for width, count in ((640, 6), (305, 2)):  # t = 10.00 is longer than 9.90
         columns = _columns(replay, width, 1.0)
         for index in range(len(replay.time)):
             texts = _numbers(replay, index, columns, (width, 360), 1.0, False)
