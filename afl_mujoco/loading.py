@@ -6,7 +6,9 @@ import ast
 import importlib.util
 import os
 import signal
+import site
 import sys
+import sysconfig
 import threading
 import time as clock
 import traceback
@@ -20,8 +22,10 @@ from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
 
 LIMIT = 60.0  # how long an import, or a call of what is called again and again, may take [s]
 
-INSTALLED = ("site-packages", "dist-packages", "lib/python", f"{Path(__file__).parent}/")
-"""Parts of the paths of files that are no user's."""
+_PLACES = [sysconfig.get_path(x) for x in ("stdlib", "platstdlib", "purelib", "platlib")]
+_PLACES += [*site.getsitepackages(), site.getusersitepackages(), str(Path(__file__).parent)]
+INSTALLED = tuple(f"{place}/" for place in _PLACES)
+"""How the paths of files begin that do not change between two runs; the last of our own."""
 
 
 class Overrun(BaseException):
@@ -113,7 +117,7 @@ def require_own(folder: Path, names: Iterable[str]) -> None:
         if not mine:
             continue
         file = "" if "." in name else _found(name)
-        if any(part in file for part in INSTALLED):
+        if file.startswith(INSTALLED):
             continue
         if file.endswith(".py") and not mine[0].samefile(file):
             rule = f"must be of {mine[0]}: give one of the two another name"

@@ -254,7 +254,7 @@ def _read(thing: Any, seen: dict[int, int]) -> Iterator[str]:
         yield from _read_by(thing, seen)
         return
     file = getattr(thing, "__file__", None) or ""
-    if file.endswith(".py") and not any(part in file for part in INSTALLED):
+    if file.endswith(".py") and not file.startswith(INSTALLED):
         yield f"{thing.__name__} {hashlib.sha256(Path(file).read_bytes()).hexdigest()}"
         for name, one in sorted(vars(thing).items(), key=lambda item: item[0]):
             if isinstance(one, types.ModuleType | types.FunctionType):
@@ -264,7 +264,7 @@ def _read(thing: Any, seen: dict[int, int]) -> Iterator[str]:
 def _read_by(thing: types.FunctionType, seen: dict[int, int]) -> Iterator[str]:
     """Yield the code of a function, its cells, the globals it reads, and the file it is from."""
     yield f"{thing.__module__} {thing.__qualname__} {thing.__defaults__!r} {_text(thing.__code__)}"
-    if any(part in thing.__code__.co_filename for part in INSTALLED[:-1]):
+    if thing.__code__.co_filename.startswith(INSTALLED[:-1]):
         return
     closed = zip(thing.__code__.co_freevars, thing.__closure__ or (), strict=True)
     cells = {name: cell.cell_contents for name, cell in closed}

@@ -72,14 +72,16 @@ def test_what_numba_cannot_compile_or_compiles_wrongly_is_interpreted(tmp_path, 
 
 @pytest.mark.slow
 def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None:
+    folder = tmp_path / "lib" / "python" / "site-packages"  # where nothing is installed
+    folder.mkdir(parents=True)
     for i, body in enumerate(("constants.G * 2.0", "weight(2.0)", "twice(constants.weight)")):
-        (tmp_path / f"stale{i}.py").write_text(STALE.format(body))
+        (folder / f"stale{i}.py").write_text(STALE.format(body))
     said = []
     for constant in (2.0, 1.0, 1.0):
         constants = f"G = {constant}\ndef weight(x):\n    return G * x\n"
-        (tmp_path / "constants.py").write_text(constants)
+        (folder / "constants.py").write_text(constants)
         run = subprocess.run(
-            [sys.executable, "-c", LOAD_STALE], cwd=tmp_path, capture_output=True, text=True,
+            [sys.executable, "-c", LOAD_STALE], cwd=folder, capture_output=True, text=True,
             env={"PYTHONPATH": str(ROOT), "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PATH": "",
                  "PYTHONDONTWRITEBYTECODE": "1"},  # Python's own cache knows no half seconds
         )  # fmt: skip
