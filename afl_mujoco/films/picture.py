@@ -169,7 +169,7 @@ def _columns(replay: Replay, width: int, s: float) -> list[float]:
     labels = np.array([len(label) for label, _ in told[0]])
     values = np.max([[len(value) for _, value in one] for one in told], axis=0)
     letters = np.maximum(16 * labels, 24 * values)
-    count = np.count_nonzero(np.cumsum(LETTER * letters + 16) <= (width - 28 * s) / s)
+    count = np.count_nonzero(np.cumsum(LETTER * letters + 12) <= (width - 28 * s) / s)
     weights = (np.maximum(labels, 1.5 * values) + 2.0)[:count]
     shares = (np.cumsum(weights) - weights) / weights.sum()
     places: list[float] = (28 * s + (width - 36 * s) * shares).tolist()

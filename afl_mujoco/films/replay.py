@@ -95,7 +95,7 @@ def _places(values: NDArray[np.float64]) -> int:
     """
     most = float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
     places = 1 - math.floor(math.log10(most)) if most else 0
-    return max(2, places) if places <= MOST_PLACES else 2
+    return max(2 - (most >= 100.0), places) if places <= MOST_PLACES else 2
 
 
 def frame_times(duration: float, fps: int) -> NDArray[np.float64]:

@@ -129,7 +129,15 @@ def test_curves_have_the_plant_s_names_and_units_also_of_what_changes_after_a_ru
     fallen = record(weak, afl.CONTROLLERS["lqr"], Deployed(), FPS)
     axes, _ = _plot(Figure(), [fallen], fallen.end)
     assert axes[2].get_ylim() == pytest.approx((-4.4, 4.4))  # though it falls at once
-    for most, places in ((3.0, 2), (0.05, 3), (1e-3, 4), (3e-5, 2), (1e-17, 2), (0.0, 2)):
+    for most, places in (
+        (300.0, 1),
+        (3.0, 2),
+        (0.05, 3),
+        (1e-3, 4),
+        (3e-5, 2),
+        (1e-17, 2),
+        (0.0, 2),
+    ):
         replay.state[:, 0] = np.linspace(0.0, -most, len(replay.time))
         assert dict(replay.readouts(-1))["cart [m]"] == f"{-most:+z.{places}f}"
 
@@ -171,7 +179,7 @@ def test_end_stops_stand_where_what_moves_touches_them(ref, at, here, first):
 def test_readouts_stand_where_they_stood_in_a_film():
     scenario = afl.Scenario(name="long", initial_state={"phi": 0.1}, duration=11.0)
     replay = record(scenario, afl.CONTROLLERS["lqr"], Deployed(), FPS)
-    for width, count in ((640, 6), (305, 2)):  # t = 10.00 is longer than 9.90
+    for width, count in ((640, 6), (290, 2)):  # t = 10.00 is longer than 9.90
         columns = _columns(replay, width, 1.0)
         for index in range(len(replay.time)):
             texts = _numbers(replay, index, columns, (width, 360), 1.0, False)
