@@ -56,10 +56,11 @@ class Options:
 
     Example: afl-mujoco attraction my-rig.toml --controllers adaptive lqr --quick
 
-    One run for each start of a grid over two states, by default the last coordinate and its rate,
-    with the scenario's schedules, disturbances and imperfections. A start counts if the
-    requirements are met from it or, if there are none, the run ends at rest. Writes
-    attraction.json and a figure. A full run takes about five minutes on two cores.
+    One run for each start of a grid over two states, by default the last coordinate, of those that
+    can end a run if there are any, and its rate, with the scenario's schedules, disturbances and
+    imperfections. A start counts if the requirements are met from it or, if there are none, the
+    run ends at rest. Writes attraction.json and a figure. A full run takes about five minutes on
+    two cores.
     """
 
     scenario: ScenarioName = "step-step"
@@ -94,7 +95,8 @@ def prepare(options: Options) -> Request:
     scenario = find_scenario(o.scenario)
     count = o.grid if o.grid is not None else QUICK_GRID if o.quick else GRID
     require_count("grid", count, 2, MOST_GRID)
-    states, last = scenario.plant.states, scenario.plant.coordinates[-1]
+    states, names = scenario.plant.states, scenario.plant.coordinates
+    *_, last = [name for name in names if name in scenario.ends_at] or names
     first, second = o.axes if len(o.axes) == 2 else (last, f"{last}_dot")
     if len(o.axes) not in (0, 2) or first == second:
         raise InvalidValueError("axes", "must be two states", " ".join(o.axes))

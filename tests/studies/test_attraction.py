@@ -81,7 +81,10 @@ def test_the_reach_is_asked_for_and_ends_where_a_run_does_and_deviations_are_cal
     assert "|z − 0.5| up to 1 m and |φ′| up to 1 rad/s" in attraction.report(result).headline
     target = afl.Requirements(target={"shoulder": 6.2}, ends_at={})
     far = afl.Scenario(name="far", plant=known("double_pendulum.py:plant"), requirements=target)
-    monkeypatch.setattr(attraction, "find_scenario", lambda name: far)
+    falls = replace(far, requirements=afl.Requirements(ends_at={"shoulder": 1.0}))
+    for one, axes in ((falls, ("shoulder", "shoulder_dot")), (far, ("elbow", "elbow_dot"))):
+        monkeypatch.setattr(attraction, "find_scenario", lambda name, one=one: one)
+        assert attraction.prepare(attraction.Options(grid=3)).axes == axes
     about = attraction.prepare(attraction.Options(axes=("shoulder", "elbow"), grid=3)).angles
     assert about[1] == pytest.approx(6.2 - 2.0 * np.pi) and about.max() < np.pi
     short = afl.Scenario(name="short", plant=cart(joint=' range="-0.2 0.3"'))
