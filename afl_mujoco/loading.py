@@ -119,7 +119,7 @@ def require_own(folder: Path, names: Iterable[str]) -> None:
         file = "" if "." in name else _found(name)
         if file.startswith(INSTALLED):
             continue
-        if file.endswith(".py") and not mine[0].samefile(file):
+        if file.endswith(".py") and os.path.realpath(file) != os.path.realpath(mine[0]):
             rule = f"must be of {mine[0]}: give one of the two another name"
             raise InvalidValueError(f"import of {name}", rule, file)
         waiting += [one for one in imported_by(mine[0]) if one not in waiting]
@@ -145,11 +145,32 @@ def imported_by(file: Path) -> list[str]:
     return [".".join(parts[: n + 1]) for parts in split for n in range(len(parts))]
 
 
+def run_file(path: Path, name: str, folder: Path) -> ModuleType:
+    """Return the module of a file, executed anew under a name, which imports from a folder."""
+    made = importlib.util.spec_from_file_location(name, path)
+    assert made is not None and made.loader is not None  # it ends in .py
+    before = sys.modules.pop(name, None)
+    sys.modules[name] = module = importlib.util.module_from_spec(made)
+    try:
+        require_own(folder, imported_by(path))
+        made.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        if before is not None:
+            sys.modules[name] = before
+        raise
+    return module
+
+
 def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line."""
     look_in(folder)
     with importing(thing):
-        require_own(Path(folder), (name.split(".")[0], name))
+        file, found = Path(folder, f"{name}.py"), _found(name.partition(".")[0])
+        if file.is_file() and found.endswith(".py") and not found.startswith(INSTALLED):
+            if os.path.realpath(file) != os.path.realpath(found):  # take its place
+                return run_file(file, name, Path(folder))
+        require_own(Path(folder), (name.partition(".")[0], name))
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:

@@ -6,7 +6,6 @@ import contextlib
 import copy
 import dis
 import hashlib
-import importlib
 import inspect
 import math
 import numbers
@@ -27,7 +26,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import LIMIT, Overrun, import_from, importing, limited
+from afl_mujoco.loading import LIMIT, Overrun, import_from, importing, limited, run_file
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -468,7 +467,7 @@ def _as_it_is_now(module: types.ModuleType, thing: str) -> types.ModuleType:
     now = _source_hash(module)
     if _run.setdefault(module, now) != now:
         with importing(thing):
-            module = importlib.reload(module)
+            module = run_file(Path(module.__file__ or ""), module.__name__, Path.cwd())
         _run[module] = now
     return module
 

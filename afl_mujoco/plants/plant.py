@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import math
 import os
 import re
@@ -21,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.loading import import_from, imported_by, importing, look_in, require_own
+from afl_mujoco.loading import import_from, importing, look_in, run_file
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
@@ -599,15 +598,6 @@ def _run_file(path: Path) -> tuple[ModuleType, str]:
     known = sys.modules.get(name)
     if known is not None and getattr(known, "__file__", None) != str(path):
         name = f"plant_{name}"  # another module has its name
-    made = importlib.util.spec_from_file_location(name, path)
-    assert made is not None and made.loader is not None  # it ends in .py
-    sys.modules[name] = module = importlib.util.module_from_spec(made)
     text = hashlib.sha256(path.read_bytes()).hexdigest()
-    try:
-        with importing(str(path)):
-            require_own(path.parent, imported_by(path))
-            made.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module, text
+    with importing(str(path)):
+        return run_file(path, name, path.parent), text

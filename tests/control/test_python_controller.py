@@ -6,6 +6,7 @@ import math
 import os
 import pickle
 import re
+import shutil
 import signal
 import sys
 import threading
@@ -14,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from decimal import Decimal
 from functools import lru_cache, partial, wraps
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -305,6 +307,17 @@ def test_a_file_that_was_edited_is_run_again_as_a_plant_s_is(module, tmp_path):
     for answer in (1.0, 22.0):
         (tmp_path / "edited.py").write_text(f"def f(t, x, b): return {answer}\n")
         assert afl.find_controller("edited:f").command(0.0, STATE, ASSUMED) == answer
+
+
+def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, monkeypatch):
+    for place, answer in (("a", 1.0), ("b", 22.0), ("b", 333.0), ("a", 1.0)):
+        (tmp_path / place).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / place)
+        Path("placed.py").write_text(f"def f(t, x, b): return {answer}\n")
+        assert afl.find_controller("placed:f").command(0.0, STATE, ASSUMED) == answer
+    shutil.rmtree(tmp_path / "a")
+    monkeypatch.chdir(tmp_path / "b")
+    assert afl.find_controller("placed:f").command(0.0, STATE, ASSUMED) == 333.0
 
 
 def test_what_outlives_a_run_is_remarked_on(smooth_scenario, module):
