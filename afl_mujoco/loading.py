@@ -12,6 +12,7 @@ import sysconfig
 import threading
 import time as clock
 import traceback
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import chdir, contextmanager, suppress
 from pathlib import Path
@@ -116,44 +117,50 @@ def require_own(folder: Path, names: Iterable[str]) -> None:
         mine = [x for x in (base / "__init__.py", base.with_name(f"{base.name}.py")) if x.is_file()]
         if not mine:
             continue
-        file = "" if "." in name else _found(name)
-        if file.startswith(INSTALLED):
-            continue
-        if file.endswith(".py") and os.path.realpath(file) != os.path.realpath(mine[0]):
-            rule = f"must be of {mine[0]}: give one of the two another name"
-            raise InvalidValueError(f"import of {name}", rule, file)
+        if "." not in name or not (base.parent / "__init__.py").is_file():  # else of its package
+            if taken := of_another(mine[0], name):
+                rule = f"must be of {mine[0]}: give one of the two another name"
+                raise InvalidValueError(f"import of {name}", rule, taken)
         waiting += [one for one in imported_by(mine[0]) if one not in waiting]
 
 
-def _found(name: str) -> str:
-    """Return the file that an import of a name would get, or has got; nothing if there is none."""
-    with suppress(ValueError):  # a module without a spec, as `__main__`
-        if spec := importlib.util.find_spec(name):
-            return spec.origin or ""
+def of_another(file: Path, name: str) -> str:
+    """Return the file of a user's that an import of a name gets in place of a file, if any."""
+    with suppress(ValueError, ImportError):  # as `__main__` has no spec
+        spec = importlib.util.find_spec(name)
+        found = (spec and spec.origin) or ""
+        if found.endswith(".py") and not found.startswith(INSTALLED):
+            return found if os.path.realpath(found) != os.path.realpath(file) else ""
     return ""
 
 
 def imported_by(file: Path) -> list[str]:
     """Return the modules that a file imports anywhere, each after the packages that it is in."""
     found = []
-    for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
-        if isinstance(node, ast.Import):
-            found += [one.name for one in node.names]
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found += [f"{node.module}.{one.name}" for one in node.names]
+    with suppress(SyntaxError), warnings.catch_warnings(action="ignore"):  # told by who runs it
+        for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
+            if isinstance(node, ast.Import):
+                found += [one.name for one in node.names]
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found += [f"{node.module}.{one.name}" for one in node.names]
     split = [name.split(".") for name in found]
     return [".".join(parts[: n + 1]) for parts in split for n in range(len(parts))]
 
 
-def run_file(path: Path, name: str, folder: Path) -> ModuleType:
-    """Return the module of a file, executed anew under a name, which imports from a folder."""
+def run_in(module: ModuleType, path: Path) -> None:
+    """Run a file as a module, whatever Python's cache has: it knows no half seconds."""
+    exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
+
+
+def run_file(path: Path, name: str) -> ModuleType:
+    """Return the module of a file, executed anew under a name, which imports from its folder."""
     made = importlib.util.spec_from_file_location(name, path)
-    assert made is not None and made.loader is not None  # it ends in .py
+    assert made is not None  # it ends in .py
     before = sys.modules.pop(name, None)
     sys.modules[name] = module = importlib.util.module_from_spec(made)
     try:
-        require_own(folder, imported_by(path))
-        made.loader.exec_module(module)
+        require_own(path.parent, imported_by(path))
+        run_in(module, path)
     except BaseException:
         del sys.modules[name]
         if before is not None:
@@ -166,11 +173,6 @@ def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line."""
     look_in(folder)
     with importing(thing):
-        file, found = Path(folder, f"{name}.py"), _found(name.partition(".")[0])
-        if file.is_file() and found.endswith(".py") and not found.startswith(INSTALLED):
-            if os.path.realpath(file) != os.path.realpath(found):  # take its place
-                return run_file(file, name, Path(folder))
-        require_own(Path(folder), (name.partition(".")[0], name))
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:

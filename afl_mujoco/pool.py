@@ -161,7 +161,7 @@ def kept_processes() -> Iterator[None]:
 
 
 def waiting_workers() -> int:
-    """Return how many processes wait for work, 1 for this one: what is too short to start any."""
+    """Return how many processes are idle, or 1: for work that is too short to start any."""
     return max(_idle or (1,))
 
 

@@ -26,7 +26,18 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import LIMIT, Overrun, import_from, importing, limited, run_file
+from afl_mujoco.loading import (
+    LIMIT,
+    Overrun,
+    import_from,
+    importing,
+    limited,
+    look_in,
+    of_another,
+    require_own,
+    run_file,
+    run_in,
+)
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -400,7 +411,7 @@ def _restored(given: dict[str, Any]) -> PythonController:
     if given["spec"] is not None:
         function = load_attribute(given["spec"])
         if given["source"] not in (None, _source_hash(_defined(function))):
-            rule = "must not change while it runs, but its file did"
+            rule = "must not change while it runs, but its file or the working directory did"
             raise InvalidValueError(f"controller {given['spec']}", rule)
         given = {**given, "function": function}
     return PythonController(**given)
@@ -450,13 +461,24 @@ def load_attribute(spec: str) -> Any:
     if not all(part.isidentifier() for part in parts):
         rule = "must be module:attribute, or FILE.py:NAME below this folder"
         raise InvalidValueError(thing, rule)
-    found: Any = _as_it_is_now(import_from(os.getcwd(), module_name, thing), thing)
+    found: Any = _as_it_is_now(_module(module_name, thing), thing)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
+
+
+def _module(name: str, thing: str) -> types.ModuleType:
+    """Return a module of the working directory, also where another folder's has its name."""
+    file = Path(f"{name}.py").absolute()
+    with importing(thing):
+        look_in(file.parent)
+        if file.is_file() and of_another(file, name):
+            return run_file(file, f"controller_{name}")
+        require_own(file.parent, (name.partition(".")[0], name))
+    return import_from(file.parent, name, thing)
 
 
 _run = WeakKeyDictionary[types.ModuleType, str | None]()  # digests of files, as they were run
@@ -467,7 +489,7 @@ def _as_it_is_now(module: types.ModuleType, thing: str) -> types.ModuleType:
     now = _source_hash(module)
     if _run.setdefault(module, now) != now:
         with importing(thing):
-            module = run_file(Path(module.__file__ or ""), module.__name__, Path.cwd())
+            run_in(module, Path(module.__file__ or ""))
         _run[module] = now
     return module
 

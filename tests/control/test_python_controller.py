@@ -304,7 +304,7 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
 
 
 def test_a_file_that_was_edited_is_run_again_as_a_plant_s_is(module, tmp_path):
-    for answer in (1.0, 22.0):
+    for answer in (1.0, 2.0, 3.0):  # of one length, within a second
         (tmp_path / "edited.py").write_text(f"def f(t, x, b): return {answer}\n")
         assert afl.find_controller("edited:f").command(0.0, STATE, ASSUMED) == answer
 
@@ -315,9 +315,28 @@ def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, mo
         monkeypatch.chdir(tmp_path / place)
         Path("placed.py").write_text(f"def f(t, x, b): return {answer}\n")
         assert afl.find_controller("placed:f").command(0.0, STATE, ASSUMED) == answer
+    first = sys.modules["placed"]
     shutil.rmtree(tmp_path / "a")
     monkeypatch.chdir(tmp_path / "b")
-    assert afl.find_controller("placed:f").command(0.0, STATE, ASSUMED) == 333.0
+    found = afl.find_controller("placed:f")
+    assert found.command(0.0, STATE, ASSUMED) == 333.0
+    assert pickle.loads(pickle.dumps(found)).command(0.0, STATE, ASSUMED) == 333.0
+    assert importlib.import_module("placed") is first  # to whom it is another's
+
+
+@pytest.mark.parametrize("spec", ["below_{}/ctl.py:f", "below_{}.ctl:f"])
+def test_a_file_in_a_folder_of_the_name_of_another_is_refused(spec, tmp_path, monkeypatch):
+    spec = spec.format(len(spec))
+    for place in ("a", "b"):
+        folder = tmp_path / place / spec[: spec.index("ctl") - 1]
+        folder.mkdir(parents=True)
+        (folder / "ctl.py").write_text("import time\ndef f(t, x, b): return 1.0\n")
+        (tmp_path / place / "time.py").write_text("def broken(:\n")  # none of ours
+        monkeypatch.chdir(tmp_path / place)
+        if place == "a":
+            afl.find_controller(spec)
+    with pytest.raises(InvalidValueError, match=f"import of .*ctl must be of {tmp_path}/b/"):
+        afl.find_controller(spec)
 
 
 def test_what_outlives_a_run_is_remarked_on(smooth_scenario, module):
@@ -409,7 +428,7 @@ def test_a_worker_refuses_a_file_that_changed_since_it_was_read(module, tmp_path
     assert again == found and again.describe() == found.describe()
     module("changing", "def force(t, x, belief):\n    return 2.0\n")  # as in a fresh process
     os.utime(tmp_path / "changing.py", (1.0, 1.0))
-    with pytest.raises(InvalidValueError, match="must not change while it runs, but its file did"):
+    with pytest.raises(InvalidValueError, match="must not change while it runs, but its file or"):
         pickle.loads(sent)
     assert found.describe()["source"] == again.describe()["source"]  # of what was loaded
 

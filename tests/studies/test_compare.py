@@ -6,6 +6,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.films.listing import load_listing
+from afl_mujoco.pool import on_threads
 from afl_mujoco.report.blocks import Matrix
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.studies.compare import Options, Result, compare, prepare, report, run
@@ -129,7 +130,9 @@ def test_the_command_compares_controllers_of_one_s_own(rig, command_line) -> Non
     ({}, None, 1), ({"noise.phi": 1e-4}, None, 10), ({"noise.phi": 1e-4}, 1, 1),
     ({"encoder_step.phi": 1e-3}, 3, 3),
 ])  # fmt: skip
-def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, count) -> None:
+def test_where_noise_or_encoders_act_several_draws_are_judged(
+    hardware, draws, count, monkeypatch
+) -> None:
     scenario = afl.Scenario(
         name="drawn", duration=0.5, initial_state=(0.0, 0.1, 0.0, 0.0),
         requirements=afl.Requirements(max={"phi": 0.12}),
@@ -145,7 +148,9 @@ def test_where_noise_or_encoders_act_several_draws_are_judged(hardware, draws, c
     assert found.table[0]["peak_z"] == alone["peak_z"]  # the first draw is the file's own
     assert ("draws" in report(found).headline) == (count > 1)
     again = prepare(Options(controllers=("lqr",)))._replace(scenarios=[scenario], draws=draws)
-    assert run(again, workers=2).table == found.table
+    shared, threads = [], "afl_mujoco.studies.shared.run.on_threads"
+    monkeypatch.setattr(threads, lambda *of: shared.append(of[2]) or on_threads(*of))
+    assert run(again, workers=2).table == found.table and max(shared) == min(count, 2)
 
 
 def test_the_library_takes_functions_classes_and_names(rig) -> None:
