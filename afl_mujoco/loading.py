@@ -149,7 +149,8 @@ def imported_by(file: Path) -> list[str]:
 
 def run_in(module: ModuleType, path: Path) -> None:
     """Run a file as a module, whatever Python's cache has: it knows no half seconds."""
-    exec(compile(path.read_bytes(), str(path), "exec"), vars(module))
+    code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
+    exec(code, vars(module))
 
 
 def run_file(path: Path, name: str) -> ModuleType:

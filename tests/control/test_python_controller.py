@@ -305,7 +305,8 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
 
 def test_a_file_that_was_edited_is_run_again_as_a_plant_s_is(module, tmp_path):
     for answer in (1.0, 2.0, 3.0):  # of one length, within a second
-        (tmp_path / "edited.py").write_text(f"def f(t, x, b): return {answer}\n")
+        text = f"def f(t: float, x, b): return f.__annotations__['t']({answer})\n"
+        (tmp_path / "edited.py").write_text(text)
         assert afl.find_controller("edited:f").command(0.0, STATE, ASSUMED) == answer
 
 
