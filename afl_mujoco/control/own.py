@@ -370,7 +370,7 @@ class PythonController(Controller):
         named = _defined(self.function)
         return {
             "name": self.name,
-            "function": f"{named.__module__}.{named.__qualname__}",
+            "function": f"{named.__module__}.{named.__qualname__}".removeprefix(_OWN),
             "source": self.source,
             "belief": "true",
         }
@@ -470,13 +470,17 @@ def load_attribute(spec: str) -> Any:
     return found
 
 
+_OWN = "own:"
+"""What no other module's name begins with: that of a file whose own name another folder's has."""
+
+
 def _module(name: str, thing: str) -> types.ModuleType:
     """Return a module of the working directory, also where another folder's has its name."""
     file = Path(f"{name}.py").absolute()
     with importing(thing):
         look_in(file.parent)
         if file.is_file() and of_another(file, name):
-            return run_file(file, f"controller_{name}")
+            return run_file(file, _OWN + name)
         require_own(file.parent, (name.partition(".")[0], name))
     return import_from(file.parent, name, thing)
 

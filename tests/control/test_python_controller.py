@@ -321,6 +321,7 @@ def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, mo
     monkeypatch.chdir(tmp_path / "b")
     found = afl.find_controller("placed:f")
     assert found.command(0.0, STATE, ASSUMED) == 333.0
+    assert found.describe()["function"] == "placed.f"
     assert pickle.loads(pickle.dumps(found)).command(0.0, STATE, ASSUMED) == 333.0
     assert importlib.import_module("placed") is first  # to whom it is another's
 
