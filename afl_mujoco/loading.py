@@ -153,33 +153,47 @@ def run_in(module: ModuleType, path: Path) -> None:
     exec(code, vars(module))
 
 
+ASIDE = "_aside_"
+"""How the name of a module begins whose own name another file has."""
+
+
 def run_file(path: Path, name: str) -> ModuleType:
-    """Return the module of a file, executed anew under a name, which imports from its folder."""
+    """Return the module of a file, executed anew, which imports from its folder."""
+    known = sys.modules.get(name)
+    if of_another(path, name) or (known and getattr(known, "__file__", None) != str(path)):
+        name = ASIDE + name
     made = importlib.util.spec_from_file_location(name, path)
     assert made is not None  # it ends in .py
-    before = sys.modules.pop(name, None)
     sys.modules[name] = module = importlib.util.module_from_spec(made)
     try:
         require_own(path.parent, imported_by(path))
         run_in(module, path)
     except BaseException:
         del sys.modules[name]
-        if before is not None:
-            sys.modules[name] = before
         raise
     return module
 
 
-def import_from(folder: str | Path, name: str, thing: str) -> ModuleType:
-    """Return a module that is installed or in a folder, or raise in one line."""
-    look_in(folder)
+def import_from(folder: Path | None, name: str, thing: str, *, own: bool = False) -> ModuleType:
+    """Return a module that is installed or in a folder, or raise in one line.
+
+    folder: None for what was imported before, from a folder that is known no more.
+    own: Whether a file of the folder is run aside where another folder's has its name.
+    """
+    here = folder or Path.cwd()
+    look_in(here)
     with importing(thing):
+        if folder is not None:
+            file = folder / f"{name}.py"
+            if own and file.is_file() and of_another(file, name):
+                return run_file(file, name)
+            require_own(folder, (name.partition(".")[0], name))
         try:
             return importlib.import_module(name)
         except ModuleNotFoundError as error:
             if error.name not in (name, name.split(".")[0]):
                 rule = f"needs a module: {error}"
             else:
-                rule = f"must be in a module that is installed or in {folder}: {error}"
+                rule = f"must be in a module that is installed or in {here}: {error}"
             missing: Any = InvalidValueError(thing, rule)
     raise missing

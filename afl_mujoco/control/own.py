@@ -26,18 +26,7 @@ from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import (
-    LIMIT,
-    Overrun,
-    import_from,
-    importing,
-    limited,
-    look_in,
-    of_another,
-    require_own,
-    run_file,
-    run_in,
-)
+from afl_mujoco.loading import ASIDE, LIMIT, Overrun, import_from, importing, limited, run_in
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -370,7 +359,7 @@ class PythonController(Controller):
         named = _defined(self.function)
         return {
             "name": self.name,
-            "function": f"{named.__module__}.{named.__qualname__}".removeprefix(_OWN),
+            "function": f"{named.__module__}.{named.__qualname__}".removeprefix(ASIDE),
             "source": self.source,
             "belief": "true",
         }
@@ -461,28 +450,13 @@ def load_attribute(spec: str) -> Any:
     if not all(part.isidentifier() for part in parts):
         rule = "must be module:attribute, or FILE.py:NAME below this folder"
         raise InvalidValueError(thing, rule)
-    found: Any = _as_it_is_now(_module(module_name, thing), thing)
+    found: Any = _as_it_is_now(import_from(Path.cwd(), module_name, thing, own=True), thing)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
-
-
-_OWN = "own:"
-"""What no other module's name begins with: that of a file whose own name another folder's has."""
-
-
-def _module(name: str, thing: str) -> types.ModuleType:
-    """Return a module of the working directory, also where another folder's has its name."""
-    file = Path(f"{name}.py").absolute()
-    with importing(thing):
-        look_in(file.parent)
-        if file.is_file() and of_another(file, name):
-            return run_file(file, _OWN + name)
-        require_own(file.parent, (name.partition(".")[0], name))
-    return import_from(file.parent, name, thing)
 
 
 _run = WeakKeyDictionary[types.ModuleType, str | None]()  # digests of files, as they were run

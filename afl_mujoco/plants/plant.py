@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.loading import import_from, importing, look_in, require_own, run_file
+from afl_mujoco.loading import import_from, importing, look_in, run_file
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
@@ -576,10 +576,7 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         origin = f"{file}:{attribute}"
         module, text = _run_file(file)
     else:
-        if folder is not None:  # else it was loaded before, from a folder that is known no more
-            look_in(folder)
-            require_own(folder, (place.partition(".")[0], place))
-        module = import_from(here, place, f"plant {spec!r}")
+        module = import_from(folder, place, f"plant {spec!r}")
     found = getattr(module, attribute, None)
     if found is None:
         plants = [name for name, one in vars(module).items() if isinstance(one, Plant)]
@@ -598,9 +595,6 @@ def _run_file(path: Path) -> tuple[ModuleType, str]:
     path = path.resolve()
     look_in(path.parent)  # for what it imports from beside it
     name = path.stem if path.stem.isidentifier() else "plant"
-    known = sys.modules.get(name)
-    if known is not None and getattr(known, "__file__", None) != str(path):
-        name = f"plant_{name}"  # another module has its name
     text = hashlib.sha256(path.read_bytes()).hexdigest()
     with importing(str(path)):
         return run_file(path, name), text

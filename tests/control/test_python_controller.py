@@ -332,8 +332,9 @@ def test_a_file_in_a_folder_of_the_name_of_another_is_refused(spec, tmp_path, mo
     for place in ("a", "b"):
         folder = tmp_path / place / spec[: spec.index("ctl") - 1]
         folder.mkdir(parents=True)
-        (folder / "ctl.py").write_text("import time\ndef f(t, x, b): return 1.0\n")
-        (tmp_path / place / "time.py").write_text("def broken(:\n")  # none of ours
+        (folder / "ctl.py").write_text("import json, time\ndef f(t, x, b): return 1.0\n")
+        for installed in ("json", "time"):
+            (tmp_path / place / f"{installed}.py").write_text("def broken(:\n")  # not imported
         monkeypatch.chdir(tmp_path / place)
         if place == "a":
             afl.find_controller(spec)
