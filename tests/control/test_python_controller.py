@@ -27,6 +27,7 @@ from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.plants.cartpole import FALL_ANGLE
+from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from tests import program
@@ -398,6 +399,19 @@ def test_a_module_beside_a_file_is_never_taken_from_another_folder(first, module
     said = f"import of {name} must be of {mine}: give one of the two another name, got {other}$"
     with pytest.raises(InvalidValueError, match=said):
         load()
+
+
+def test_the_file_of_a_plant_takes_no_other_module_s_name(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "of_two.py").write_text("HERE = True\n")
+    folder = tmp_path / "below"
+    folder.mkdir()
+    small(folder)
+    for name in ("of_two", "json"):
+        (folder / "small.py").rename(folder / f"{name}.py")
+        assert load_plant(f"{name}.py:plant", folder).name == "small"
+        (folder / f"{name}.py").rename(folder / "small.py")
+    assert importlib.import_module("json") is json and importlib.import_module("of_two").HERE
 
 
 def pd(state):
