@@ -139,7 +139,7 @@ def judge(case: Case) -> Judged:
             rule = f"must stay where equations hold, but {words}, at {first:.3g} s"
             raise InvalidValueError(f"the run of {controller.name} on {scenario.name}", rule)
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
-        values["A5s"] = one_step_difference(ideal, sampled, relative=True)
+        values["A5s"] = one_step_difference(ideal, sampled, _sizes(sampled))
         values["B1r"] = restarted_difference(ideal, loop, exact)
         growth = growth_of(ideal, loop, runs["ode"], exact)
     part = studied(ideal)
@@ -179,6 +179,11 @@ def _comes_round(run: Trajectory) -> bool:
     """Return whether a deviation that wraps jumps, and with it what a controller may ask for."""
     nearest = run.state - run.away  # the target, and so many turns
     return bool((np.ptp(nearest, axis=0) > np.pi).any())
+
+
+def _sizes(run: Trajectory) -> Floats:
+    """Return by what differences are divided: round-off is a share of what a state reaches."""
+    return np.maximum(1.0, np.abs(run.state).max(axis=0))
 
 
 def _distance(one: Floats, other: Floats) -> float:
@@ -229,7 +234,10 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
     times = time_grid(scenario, float(exact.time[1]))
     nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
-    return _distance(states, exact.state) if outcome.kind == exact.outcome.kind else math.inf
+    if outcome.kind != exact.outcome.kind:
+        return math.inf
+    sizes = _sizes(exact)
+    return _distance(states / sizes, exact.state / sizes)
 
 
 def require_comparable(scenario: Scenario) -> None:

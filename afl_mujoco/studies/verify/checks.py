@@ -302,8 +302,8 @@ def state_difference(one: Trajectory, other: Trajectory) -> float:
     return float(difference.max()) if difference.size else math.inf
 
 
-def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool = False) -> float:
-    """Compare steps without jumps or rates to textbook RK4 steps; relative is to 1 + |x|."""
+def one_step_difference(scenario: Scenario, run: Trajectory, sizes: Floats | float = 1.0) -> float:
+    """Compare steps without jumps or rates, each state by its size, to textbook RK4 steps."""
     middles = 0.5 * (run.time[:-1] + run.time[1:])
     disturbed = held_disturbances(scenario, run.time)
     struck = np.asarray(disturbed.impulse.any(axis=1))
@@ -314,7 +314,7 @@ def one_step_difference(scenario: Scenario, run: Trajectory, *, relative: bool =
     jumped[events[(events >= 0) & (events < len(jumped))]] = True
     jumped |= scenario.acting_rates(middles).any(axis=1)  # their forces are held over a step
     after = held_steps(scenario, run)
-    gap = (np.abs(run.state[1:] - after) / (1.0 + np.abs(after) * relative))[~jumped]
+    gap = (np.abs(run.state[1:] - after) / sizes)[~jumped]
     return float(gap.max(initial=0.0)) if np.isfinite(gap).all() else math.inf
 
 

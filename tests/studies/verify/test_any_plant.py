@@ -69,6 +69,16 @@ def test_the_order_of_the_hold_is_not_judged_where_a_coordinate_comes_round() ->
     assert result.passed and "B4f" not in {check.id for check in result.checks}
 
 
+@pytest.mark.parametrize("speed", [300.0, 1000.0])
+def test_codes_agree_on_what_turns_fast_and_differ_by_a_hair_in_its_bias(speed: float) -> None:
+    """Round-off is a share of what a state reaches."""
+    start = {"shoulder": 0.05, "shoulder_dot": speed}
+    assert validated(DOUBLE, duration=0.3, initial_state=start).failed_checks == []
+    wrong = with_terms(DOUBLE, lambda q, v, p, m, h, b: (m, (h[0] * (1 + 1e-7), h[1]), b))
+    found = failed(validated(wrong, duration=0.3, initial_state=start))
+    assert found == {"A1e", "A1x", "A1c", "A5s", "B1r"}
+
+
 def test_a_run_that_reaches_the_range_of_a_joint_is_not_compared() -> None:
     text = DOUBLE.model.read_text().replace('"shoulder" axis', '"shoulder" range="3.29 9" axis')
     with pytest.raises(InvalidValueError, match="shoulder reaches its range"):
