@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from afl_mujoco.cli.study import CORES, Workers, write_page
+from afl_mujoco.cli.study import CORES, Workers, require_films, write_page
 from afl_mujoco.cli.terminal import (
     CHECK_FAILED,
     FILMS,
@@ -268,6 +268,7 @@ class Report:
 
     def run(self) -> int:
         """Read the folder, write the page."""
+        require_films(self.films)
         page = write_page(self.folder, self.films)
         say(f"wrote {page}, {page.stat().st_size / 1e6:.1f} MB")
         return SUCCESS

@@ -34,6 +34,12 @@ TITLE = "Controllers in MuJoCo"
 DRAWN = (".svg", ".png", REPLAY)  # endings of the files of figures and replays
 
 
+def require_films(folder: Path) -> None:
+    """Raise if a folder of films that was asked for is not there."""
+    if folder != FILMS and not folder.is_dir():
+        raise FileError(f"films {folder}", "must be a folder that is there: run afl-mujoco render")
+
+
 def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     """Raise if something but one study, to be replaced, could not be put into a page."""
     from afl_mujoco.files import require_no_folder
@@ -41,6 +47,7 @@ def require_page(folder: Path, films: Path, *, leave_out: str = "") -> None:
     from afl_mujoco.studies.shared.record import PAGE, load_records
 
     require_no_folder(folder, (PAGE,))
+    require_films(films)
     for place in dict.fromkeys((films, folder)):
         load_listing(place)
     load_records(folder, leave_out=leave_out)

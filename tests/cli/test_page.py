@@ -193,3 +193,11 @@ def test_no_link_puts_a_file_from_outside_into_the_page(refuses, tmp_path, link)
     named = inside if link == "sub" else link
     said = f"out/{named} must lie in its folder, but leads out of it, got {secret}"
     assert said in refuses("report", "out", "--films", "out")
+
+
+@pytest.mark.parametrize("command", [("report", "out"), ("margins", "nominal")])
+def test_films_that_are_asked_for_must_be_there(refuses, tmp_path, command) -> None:
+    (tmp_path / "out").mkdir()
+    save_record(study_results.record("margins"), tmp_path / "out")
+    said = "films gone must be a folder that is there: run afl-mujoco render"
+    assert said in refuses(*command, "--films", "gone")

@@ -117,7 +117,7 @@ LONG = {"schema": 5, "study": "margins", "command": "", "scenario": "s", "contro
 
 
 @pytest.mark.parametrize(("content", "rule"), [
-    ("{", "is not a result of afl-mujoco margins: "),
+    ("{", "is not a result of afl-mujoco margins: "), ("[1]", "must be an object"),
     ('{"schema": 1, "study": "margins"}', "must be of 'margins' and have schema 5, got 'mar"),
     ('{"schema": 5, "study": "margins"}', "command is missing"),
     (json.dumps(LONG), "control_period must be a valid number, got 'lo"),

@@ -183,6 +183,8 @@ def load_record(study: Study, folder: Path) -> Record:
     path, npz = (folder / f"{study.stem}{suffix}" for suffix in (".json", ".npz"))
     with reading(path, f"is not a result of {study.command}", f"run {study.command}"):
         data = json.loads(read_utf8(path), parse_constant=_no_number)
+        if not isinstance(data, dict):
+            raise ValueError("must be an object")
         found = (data["study"], data["schema"])
         if found != (study.name, study.schema):
             rule = f"it must be of {study.name!r} and have schema {study.schema}"
