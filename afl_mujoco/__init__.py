@@ -14,7 +14,11 @@ if sys.argv[:1] == ["-m"] and not sys.flags.safe_path:
     sys.path.append(sys.path.pop(0))
 
 from importlib import import_module
+from time import time
 from typing import TYPE_CHECKING
+
+STARTED = time()
+"""Files of the user's that are older were not edited since they were imported [s]."""
 
 if TYPE_CHECKING:
     from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller

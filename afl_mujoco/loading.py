@@ -18,7 +18,9 @@ from contextlib import chdir, contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+from weakref import WeakKeyDictionary
 
+import afl_mujoco
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
 
 LIMIT = 60.0  # how long an import, or a call of what is called again and again, may take [s]
@@ -106,22 +108,68 @@ def look_in(folder: str | Path) -> None:
         sys.path.append(str(folder))
 
 
-def require_own(folder: Path, names: Iterable[str]) -> None:
-    """Raise if an import would not get the file of a folder, but one of another folder's.
+_ran = WeakKeyDictionary[ModuleType, bytes]()
+"""What stood in the files of the user's modules when these were run."""
 
-    One process has one module of a name; an installed one has it before any folder.
+
+def renew(folder: Path, names: Iterable[str], known: dict[str, bool]) -> bool:
+    """Run what imports would get of a folder again where a file changed; return whether one did.
+
+    Raises if an import would not get the file of the folder, but one of another folder's: a process
+    has one module of a name. An installed one has it before any folder.
+
+    known: What was found of names before.
     """
-    waiting = [*names]
-    for name in waiting:  # which grows
-        base = folder.joinpath(*name.split("."))
-        mine = [x for x in (base / "__init__.py", base.with_name(f"{base.name}.py")) if x.is_file()]
-        if not mine:
-            continue
-        if "." not in name or not (base.parent / "__init__.py").is_file():  # else of its package
-            if taken := of_another(mine[0], name):
-                rule = f"must be of {mine[0]}: give one of the two another name"
-                raise InvalidValueError(f"import of {name}", rule, taken)
-        waiting += [one for one in imported_by(mine[0]) if one not in waiting]
+    for name in names:
+        if name not in known:
+            known[name] = False  # for imports in a circle
+            known[name] = _renewed(folder, name, known)
+    return any(known[name] for name in names)
+
+
+def _renewed(folder: Path, name: str, known: dict[str, bool]) -> bool:
+    file = _file_of(folder, name)
+    if file is None:
+        return False
+    if "." not in name or not _file_of(folder, name.rpartition(".")[0]):  # else of its package
+        if taken := of_another(file, name):
+            rule = f"must be of {file}: give one of the two another name"
+            raise InvalidValueError(f"import of {name}", rule, taken)
+    below = renew(folder, imported_by(file), known)
+    module = sys.modules.get(name)
+    if module is None or not _is_of(module, file) or _is_under_way(module):
+        return False
+    if module not in _ran and file.stat().st_mtime < afl_mujoco.STARTED:
+        _ran[module] = file.read_bytes()  # whoever imported it
+    if below or _ran.get(module) != file.read_bytes():
+        run_in(module, file)
+        return True
+    return False
+
+
+def _noted(folder: Path, names: Iterable[str]) -> None:
+    """Note the files of a folder that have just been run."""
+    for name in names:
+        module, file = sys.modules.get(name), _file_of(folder, name)
+        if module and file and _is_of(module, file):
+            _ran.setdefault(module, file.read_bytes())
+
+
+def _file_of(folder: Path, name: str) -> Path | None:
+    """Return the user's file of a folder in which a module of a name would be."""
+    base = folder.joinpath(*name.split("."))
+    both = (base / "__init__.py", base.with_name(f"{base.name}.py"))
+    found = (x for x in both if x.is_file() and not str(x).startswith(INSTALLED))
+    return next(found, None)
+
+
+def _is_of(module: ModuleType, file: Path) -> bool:
+    return os.path.realpath(getattr(module, "__file__", None) or "") == os.path.realpath(file)
+
+
+def _is_under_way(module: ModuleType) -> bool:
+    """Return whether a module is being imported: it called us."""
+    return bool(getattr(module.__spec__, "_initializing", False))
 
 
 def of_another(file: Path, name: str) -> str:
@@ -149,8 +197,12 @@ def imported_by(file: Path) -> list[str]:
 
 def run_in(module: ModuleType, path: Path) -> None:
     """Run a file as a module, whatever Python's cache has: it knows no half seconds."""
-    code = compile(path.read_bytes(), str(path), "exec", dont_inherit=True)
-    exec(code, vars(module))
+    _ran[module] = text = path.read_bytes()
+    try:
+        exec(compile(text, str(path), "exec", dont_inherit=True), vars(module))
+    except BaseException:
+        _ran[module] = b""
+        raise
 
 
 ASIDE = "_aside_"
@@ -165,35 +217,46 @@ def run_file(path: Path, name: str) -> ModuleType:
     made = importlib.util.spec_from_file_location(name, path)
     assert made is not None  # it ends in .py
     sys.modules[name] = module = importlib.util.module_from_spec(made)
+    beside = dict[str, bool]()
     try:
-        require_own(path.parent, imported_by(path))
+        renew(path.parent, imported_by(path), beside)
         run_in(module, path)
     except BaseException:
         del sys.modules[name]
         raise
+    _noted(path.parent, beside)
     return module
 
 
-def import_from(folder: Path | None, name: str, thing: str, *, own: bool = False) -> ModuleType:
+def home_of(name: str) -> Path:
+    """Return the folder from which an import gets a module, as another process did."""
+    with suppress(ValueError, ImportError):  # as `__main__` has no spec
+        spec = importlib.util.find_spec(name.partition(".")[0])
+        origin = Path((spec and spec.origin) or "")
+        if origin.suffix == ".py":
+            return origin.parents[origin.name == "__init__.py"]
+    return Path.cwd()
+
+
+def import_from(folder: Path, name: str, thing: str, *, own: bool = False) -> ModuleType:
     """Return a module that is installed or in a folder, or raise in one line.
 
-    folder: None for what was imported before, from a folder that is known no more.
     own: Whether a file of the folder is run aside where another folder's has its name.
     """
-    here = folder or Path.cwd()
-    look_in(here)
+    look_in(folder)
     with importing(thing):
-        if folder is not None:
-            file = folder / f"{name}.py"
-            if own and file.is_file() and of_another(file, name):
-                return run_file(file, name)
-            require_own(folder, (name.partition(".")[0], name))
+        file, known = folder / f"{name}.py", dict[str, bool]()
+        if own and file.is_file() and of_another(file, name):
+            return run_file(file, name)
+        renew(folder, (name.partition(".")[0], name), known)
         try:
-            return importlib.import_module(name)
+            module = importlib.import_module(name)
+            _noted(folder, known)
+            return module
         except ModuleNotFoundError as error:
             if error.name not in (name, name.split(".")[0]):
                 rule = f"needs a module: {error}"
             else:
-                rule = f"must be in a module that is installed or in {here}: {error}"
+                rule = f"must be in a module that is installed or in {folder}: {error}"
             missing: Any = InvalidValueError(thing, rule)
     raise missing

@@ -19,14 +19,13 @@ from functools import cache, partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from afl_mujoco.control.controller import Controller
 from afl_mujoco.errors import AflMujocoError, ControllerDomainError, InvalidValueError, told
-from afl_mujoco.loading import ASIDE, LIMIT, Overrun, import_from, importing, limited, run_in
+from afl_mujoco.loading import ASIDE, LIMIT, Overrun, import_from, limited
 from afl_mujoco.plants.cartpole import CART_POLE, has_its_names
 from afl_mujoco.plants.plant import Floats, Plant
 from afl_mujoco.scenario.parameters import CartPoleParameters
@@ -450,26 +449,13 @@ def load_attribute(spec: str) -> Any:
     if not all(part.isidentifier() for part in parts):
         rule = "must be module:attribute, or FILE.py:NAME below this folder"
         raise InvalidValueError(thing, rule)
-    found: Any = _as_it_is_now(import_from(Path.cwd(), module_name, thing, own=True), thing)
+    found: Any = import_from(Path.cwd(), module_name, thing, own=True)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
     return found
-
-
-_run = WeakKeyDictionary[types.ModuleType, str | None]()  # digests of files, as they were run
-
-
-def _as_it_is_now(module: types.ModuleType, thing: str) -> types.ModuleType:
-    """Return a module, run again where its file has changed, as a plant's file is."""
-    now = _source_hash(module)
-    if _run.setdefault(module, now) != now:
-        with importing(thing):
-            run_in(module, Path(module.__file__ or ""))
-        _run[module] = now
-    return module
 
 
 def _module_of(path: str) -> str:

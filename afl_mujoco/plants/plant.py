@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from afl_mujoco.errors import FileError, InvalidValueError, UnknownNameError, told
-from afl_mujoco.loading import import_from, importing, look_in, run_file
+from afl_mujoco.loading import home_of, import_from, importing, look_in, run_file
 from afl_mujoco.values import Finite, check_fields, require_finite
 
 Floats = NDArray[np.float64]
@@ -556,7 +556,7 @@ def known_as(plant: Plant, origin: str, text: str = "") -> Plant:
 
 @cache
 def _loaded(origin: str, text: str, stamp: str) -> Plant:
-    found = load_plant(origin)
+    found = load_plant(origin, home_of(origin.rpartition(":")[0]))
     if (found.text, found.stamp) != (text, stamp):
         rule = "must not change while it runs, but its file did"
         raise InvalidValueError(f"plant {origin}", rule)
@@ -576,7 +576,7 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         origin = f"{file}:{attribute}"
         module, text = _run_file(file)
     else:
-        module = import_from(folder, place, f"plant {spec!r}")
+        module = import_from(here, place, f"plant {spec!r}")
     found = getattr(module, attribute, None)
     if found is None:
         plants = [name for name, one in vars(module).items() if isinstance(one, Plant)]

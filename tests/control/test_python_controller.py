@@ -304,11 +304,26 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
     assert (described["function"], len(described["source"])) == ("module_of_mine.Set.push", 32)
 
 
-def test_a_file_that_was_edited_is_run_again_as_a_plant_s_is(module, tmp_path):
-    for answer in (1.0, 2.0, 3.0):  # of one length, within a second
-        text = f"def f(t: float, x, b): return f.__annotations__['t']({answer})\n"
-        (tmp_path / "edited.py").write_text(text)
-        assert afl.find_controller("edited:f").command(0.0, STATE, ASSUMED) == answer
+@pytest.mark.parametrize("load", [
+    lambda name: afl.find_controller(f"{name}:f").command(0.0, STATE, ASSUMED),
+    *(lambda name, by=by: load_plant(f"{name}{by}:plant").parameters["p"].value for by in ("", ".py")),
+], ids=["controller", "plant of a module", "plant of a file"])  # fmt: skip
+def test_files_that_were_edited_are_run_again_with_what_imports_them(tmp_path, monkeypatch, load):
+    """Edits are of one length, within a second, also of what the user had imported himself."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    text = "from dataclasses import replace\nfrom afl_mujoco import Parameter\n"
+    text += "from again_inner import X, f\nfrom tests.plants.plants import PENDULUM\n"
+    text += "plant = replace(PENDULUM, parameters={'p': Parameter(X)}, write=lambda p: {})\n"
+    (tmp_path / "again_outer.py").write_text(text)
+    for answer in (1.0, 2.0, 3.0):
+        text = f"import again_own\nX = again_own.X + {answer}\ndef f(t, x, b): return X\n"
+        (tmp_path / "again_inner.py").write_text(text)
+        for own in (10.0, 20.0):
+            (tmp_path / "again_own.py").write_text(f"X = {own}\n")
+            if answer == 1.0:
+                importlib.import_module("again_outer")
+            assert load("again_outer") == own + answer
 
 
 def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, monkeypatch):

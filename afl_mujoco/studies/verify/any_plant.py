@@ -183,7 +183,8 @@ def _comes_round(run: Trajectory) -> bool:
 
 def _sizes(run: Trajectory) -> Floats:
     """Return by what differences are divided: round-off is a share of what a state reaches."""
-    return np.maximum(1.0, np.abs(run.state).max(axis=0))
+    largest: Floats = np.abs(run.state).max(axis=0)
+    return np.maximum(1.0, largest)
 
 
 def _distance(one: Floats, other: Floats) -> float:
