@@ -134,3 +134,8 @@ def test_a_small_share_is_said_to_be_small_and_a_parameter_has_no_value_of_its_o
     assert "gravity is 1 + 1e-07 times MuJoCo's" in afl.check(own, 50).headline
     result = afl.check(arm(swinging(more=0.2), damping=DAMPING), 50)
     assert "damping of arm is 0.2 more in the equations" in result.headline
+    tiny = '<inertial pos="0 0 -1e-3" mass="1e-3" diaginertia="1e-9 1e-9 1e-9"/>'
+    text = ARM.replace(INERTIAL, tiny).replace('"0.1"', '"9.4e-10"')
+    turns = arm(lambda q, v, p: (((2e-9,),), (9.81e-6 * math.sin(q[0]) + 8.5e-10 * v[0],), ((),)))
+    said = "damping of arm is 8.5e-10 in the equations and 9.4e-10 in MuJoCo?"
+    assert said in afl.check(replace(turns, model=text), 50).headline

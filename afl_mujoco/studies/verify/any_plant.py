@@ -140,8 +140,8 @@ def judge(case: Case) -> Judged:
             raise InvalidValueError(f"the run of {controller.name} on {scenario.name}", rule)
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
         values["A5s"] = one_step_difference(ideal, sampled, _sizes(sampled))
-        values["B1r"] = restarted_difference(ideal, loop, exact)
-        growth = growth_of(ideal, loop, runs["ode"], exact)
+        values["B1r"] = restarted_difference(ideal, loop, exact, h)
+        growth = growth_of(ideal, loop, runs["ode"], exact, h)
     part = studied(ideal)
     reference = simulate_mujoco(part, loop, "exact", timestep=STEPS[0])
     ended = all(run.outcome.kind == COMPLETED for run in (*runs.values(), reference))
@@ -194,12 +194,12 @@ def _distance(one: Floats, other: Floats) -> float:
 
 
 def growth_of(
-    scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory
+    scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory, period: float
 ) -> Growth:
     """Return how far the codes are apart over the whole run, and how much a difference grows."""
     start = np.array(scenario.initial_state)
     moved = replace(scenario, initial_state=tuple((start + NUDGE).tolist()))
-    nudged = simulate_mujoco(moved, controller, "exact", timestep=float(exact.time[1]))
+    nudged = simulate_mujoco(moved, controller, "exact", timestep=period)
 
     def apart(run: Trajectory) -> float | None:
         alike = run.outcome.kind == exact.outcome.kind and len(run.time) == len(exact.time)
@@ -212,8 +212,13 @@ def growth_of(
     )  # fmt: skip
 
 
-def restarted_difference(scenario: Scenario, controller: Controller, exact: Trajectory) -> float:
-    """Return the largest difference of the ODE from MuJoCo, from whose state it restarts."""
+def restarted_difference(
+    scenario: Scenario, controller: Controller, exact: Trajectory, period: float
+) -> float:
+    """Return the largest difference of the ODE from MuJoCo, from whose state it restarts.
+
+    period: Time between the rows of `exact`, which may have one alone [s].
+    """
     loop = Loop(scenario, MovingTrees(scenario.plant), controller)
     solver = loop.solver(criterion_of(scenario))
     rows = np.searchsorted(exact.time, np.arange(EVERY, exact.time[-1], EVERY) - 1e-9)
@@ -232,7 +237,7 @@ def restarted_difference(scenario: Scenario, controller: Controller, exact: Traj
                 return np.concatenate(found), outcome
         return np.concatenate(found), None
 
-    times = time_grid(scenario, float(exact.time[1]))
+    times = time_grid(scenario, period)
     nodes = controller.nodes_within(scenario.spans)
     states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
     if outcome.kind != exact.outcome.kind:

@@ -142,6 +142,12 @@ def test_the_order_of_a_loop_that_is_fast_is_seen_at_shorter_periods() -> None:
     assert "B4f" not in {one.id for one in judge((scenario, idle, Settings())).checks}
 
 
+def test_a_run_that_ends_where_it_starts_is_one_that_fails() -> None:
+    mute = PythonController(name="mute", plant=DOUBLE, function=lambda t, x, b: (float("nan"), 0.0))
+    result = run(Request([scenario_of(DOUBLE)], [mute], Settings(full=True)))
+    assert result.failed_checks == [] and result.rows[0].failure == "diverged"
+
+
 def test_what_cannot_be_compared_is_refused_before_anything_runs(tmp_path: Path) -> None:
     (tmp_path / "own.toml").write_text(f'plant = "{EXAMPLES}/cart_double_pendulum.py:plant"\n')
     own = str(tmp_path / "own.toml")
