@@ -230,8 +230,9 @@ def _plant_to_table(plant: Plant) -> dict[str, Any]:
     found = {name: getattr(plant, name) for name in ("name", "origin", "upright", "start")}
     found |= {name: [*getattr(plant, name)] for name in ("coordinates", "inputs", "wraps")}
     nominal = {name: one.value for name, one in plant.parameters.items()}
-    found |= {"parameters": nominal, "units": dict(plant.units), "signals": [*plant.signals]}
-    found |= {"ends_at": dict(plant.ends_at)}
+    bounds = {name: [one.low, one.high] for name, one in plant.parameters.items()}
+    found |= {"parameters": nominal, "bounds": bounds, "units": dict(plant.units)}
+    found |= {"signals": [*plant.signals], "ends_at": dict(plant.ends_at)}
     return {name: value for name, value in found.items() if value not in (None, "", [], {})}
 
 
@@ -245,8 +246,10 @@ def _plant(given: Any, folder: Path | None) -> Plant:
         raise InvalidValueError("plant", 'must be "FILE.py:NAME"', shortened(given))
     table = dict(require_table("plant", given))
     units, origin = dict(table.pop("units", {})), str(table.pop("origin", ""))
-    values = {  # what it was allowed was checked where it ran
-        name: Parameter(x, units.get(name, ""), low=-LARGEST_STATE)
+    bounds = dict(table.pop("bounds", {}))
+    every = (-LARGEST_STATE, LARGEST_STATE)  # of an older result
+    values = {
+        name: Parameter(x, units.get(name, ""), *bounds.get(name, every))
         for name, x in given.get("parameters", {}).items()
     }
     names = dict.fromkeys(table.get("signals", ()), float)
