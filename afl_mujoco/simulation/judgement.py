@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -103,9 +104,29 @@ def ranges_of(plant: Plant) -> Floats:
     return np.where(m.jnt_limited[:, None], m.jnt_range, (-np.inf, np.inf))
 
 
+WRITTEN = {"damping": "damping", "dry_friction": "frictionloss", "armature": "armature"}
+"""Imperfections that a plant may write itself, and the field of a joint that each is."""
+
+
+@cache
+def written(plant: Plant) -> tuple[str, ...]:
+    """Return the paths of imperfections that a plant has of its parameters instead."""
+    targets = {str(one) for one in plant_model(plant).targets}
+    every = itertools.product(WRITTEN.items(), plant.coordinates)
+    return tuple(f"{name}.{x}" for (name, field), x in every if f"joint {x} {field}" in targets)
+
+
 def require_start(scenario: Scenario) -> None:
-    """Raise if a run starts beyond the range of a joint in the MJCF, where MuJoCo pushes it in."""
+    """Raise if a run cannot start as asked.
+
+    Beyond the range of a joint in the MJCF MuJoCo would push it in; what a plant writes cannot be
+    an imperfection too.
+    """
     plant = scenario.plant
+    for path in written(plant):
+        if scenario.imperfections.at(path):
+            rule = "is written by the plant; change its parameter instead"
+            raise InvalidValueError(f"imperfections.{path}", rule)
     starts = zip(plant.coordinates, scenario.initial_state, ranges_of(plant), strict=False)
     for name, x, (low, high) in starts:
         slack = 0.5 * scenario.imperfections.at(f"encoder_step.{name}")  # of a draw

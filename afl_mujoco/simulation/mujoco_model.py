@@ -42,10 +42,6 @@ PASSIVE = (
 )
 """Fields of MjModel that hold the passive physics."""
 
-WRITTEN = {"damping": "damping", "dry_friction": "frictionloss", "armature": "armature"}
-"""Imperfections that a plant may write itself, and as what."""
-
-
 DAMPED = 1e-3  # largest share of the amplitude of what rings that RK4 may take in a run
 
 INTEGRATORS = {
@@ -284,12 +280,6 @@ class SimulatedModel:
     def set_imperfections(self, imperfections: Imperfections) -> None:
         """Take passive physics and mass distribution; then write the parameters."""
         r, m = imperfections.of_plant(self.plant), self.mj_model
-        written = {str(one) for one in self.writer.targets}
-        for name, field in WRITTEN.items():
-            for part in getattr(r, name):
-                if f"joint {part} {field}" in written:
-                    rule = "is written by the plant; change its parameter instead"
-                    raise InvalidValueError(f"imperfections.{name}.{part}", rule)
         for name, array in self._compiled.items():
             getattr(m, name)[:] = array
         for i, name in enumerate(self.plant.coordinates):

@@ -184,6 +184,7 @@ def insert(source: Path, before: str, text: str) -> None:
 
 def test_an_imperfection_touches_one_file(tmp_path: Path) -> None:
     package = shutil.copytree(PACKAGE, tmp_path / "afl_mujoco")
+    shutil.copytree(ROOT / "models", tmp_path / "models")
     source = package / "scenario" / "imperfections.py"
     insert(source, "    seed: Annotated", TOY)
     insert(source, "    seed\n        Seed of the noise", SAID)

@@ -306,7 +306,8 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
 
 @pytest.mark.parametrize("load", [
     lambda name: afl.find_controller(f"{name}:f").command(0.0, STATE, ASSUMED),
-    *(lambda name, by=by: load_plant(f"{name}{by}:plant").parameters["p"].value for by in ("", ".py")),
+    lambda name: load_plant(f"{name}:plant").parameters["p"].value,
+    lambda name: load_plant(f"{name}.py:plant").parameters["p"].value,
 ], ids=["controller", "plant of a module", "plant of a file"])  # fmt: skip
 def test_files_that_were_edited_are_run_again_with_what_imports_them(tmp_path, monkeypatch, load):
     """Edits are of one length, within a second, also of what the user had imported himself."""

@@ -8,6 +8,7 @@ import pytest
 
 import afl_mujoco as afl
 from afl_mujoco.control.own import PythonController
+from afl_mujoco.errors import InvalidValueError
 from afl_mujoco.report.terminal import to_text
 from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfections
 from afl_mujoco.scenario.sample_space import draws_of
@@ -15,6 +16,7 @@ from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared import robustness
 from afl_mujoco.studies.shared.run import run_all
 from afl_mujoco.studies.thresholds import Request, report, run
+from tests.plants.plants import cart
 
 CASE = replace(afl.SCENARIOS["step-step"], duration=8.0)
 CASES = (CASE,)
@@ -55,6 +57,13 @@ def test_levels_that_a_scenario_cannot_have_are_not_tried_and_the_reader_is_told
     coarse = replace(SETTINGS, timestep=2e-3)
     found = swept("control_period", scenarios=(CALM,), settings=coarse).survives
     assert found.fails_at is not None and round(found.fails_at / 2e-3, 9) % 1.0 == 0.0
+    own = afl.Scenario(name="own", plant=replace(cart("damping", 0.1), upright=(0.0,)))
+    asked = Request([LQR], (own,), SETTINGS, ("damping.x", "dry_friction.x", "combined")).require()
+    assert list(asked.names) == ["dry_friction.x", "combined"]  # which goes without
+    assert "damping.x is written by the plant" in asked.left_out["damping of x"]
+    assert "damping.x" not in robustness.hardware_at(robustness.COMBINED, 1.0, own.plant)
+    with pytest.raises(InvalidValueError, match=r"^imperfections\.damping\.x is written by the pl"):
+        afl.simulate_mujoco(replace(own, imperfections=Imperfections(damping=1.0)), "lqr")
     slow = replace(CALM, imperfections=Imperfections(delay=0.25))
     asked = Request([LQR], (slow,), SETTINGS, ("delay", "noise")).require()
     assert list(asked.names) == ["noise"]

@@ -30,7 +30,7 @@ from afl_mujoco.scenario.sample_space import (
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import Deployed, ticks_of
 from afl_mujoco.simulation.bound_controllers import bound
-from afl_mujoco.simulation.judgement import require_start
+from afl_mujoco.simulation.judgement import require_start, written
 from afl_mujoco.simulation.trajectory import controller_inputs
 from afl_mujoco.studies.shared.contract import Interrupted, Progress, compute, silent
 from afl_mujoco.studies.shared.run import Rows, Run, numbered, require_alike, run_all
@@ -99,8 +99,8 @@ def find_imperfection(name: str, plant: Plant = CART_POLE) -> Imperfection:
 
 @functools.cache
 def added(plant: Plant = CART_POLE) -> tuple[Imperfection, ...]:
-    """Leave out the imperfections that would contradict an earlier one, whose fields they set."""
-    found, set_before = [], set[str]()
+    """Leave out imperfections that an earlier one sets too, and those that the plant writes."""
+    found, set_before = [], {*written(plant)}
     for one in imperfections_of(plant):
         sets = {*one.fields, *one.switches}
         if not sets <= set_before:
@@ -177,7 +177,9 @@ def refused(
     """Return why scenarios cannot have a level, as a delay beyond their end; "" if they can."""
     try:
         for scenario in scenarios:
-            ticks_of(on_hardware(scenario, hardware_at(one, level, scenario.plant)), timestep)
+            asked = on_hardware(scenario, hardware_at(one, level, scenario.plant))
+            ticks_of(asked, timestep)
+            require_start(asked)
     except InvalidValueError as error:
         return str(error)
     return ""
