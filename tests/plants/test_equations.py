@@ -93,7 +93,7 @@ def test_a_constant_in_an_imported_module_is_never_stale(tmp_path: Path) -> None
         assert [how for _, how in said[i][:2]] == ["compiled"] * 2
 
 
-def test_sympy_expressions_become_terms_that_compile() -> None:
+def test_sympy_expressions_become_terms_that_compile_as_do_functions_that_terms_call() -> None:
     t = sp.Symbol("t")
     q, (u, m) = sp.Function("q")(t), sp.symbols("u m")
     terms = afl.from_sympy([[m]], [u - 3 * q - q.diff(t)], [q], [q.diff(t)], [u], {m: "mass"})
@@ -105,8 +105,17 @@ def test_sympy_expressions_become_terms_that_compile() -> None:
         parameters={"mass": afl.Parameter(1.0, low=0.5, high=2.0)},
         write=lambda p: {"body b mass": p.mass, "option gravity 2": 0.0},
     )  # fmt: skip
-    result = afl.check(plant, samples=100)
-    assert result.passed and result.notes[-1] == "Equations: compiled."
+    for one in (plant, replace(plant, terms=by_hand)):
+        result = afl.check(one, samples=100)
+        assert result.passed and result.notes[-1] == "Equations: compiled."
+
+
+def pull(x):
+    return 3.0 * x
+
+
+def by_hand(q, v, p):
+    return ((p.mass,),), (pull(q[0]) + v[0],), ((1.0,),)
 
 
 @pytest.mark.parametrize(("said", "forcing"), [

@@ -44,6 +44,8 @@ def test_a_survey_holds_the_margins_of_each_plant_but_where_the_hold_is_unstable
     worst = survey.worst("fixed-nominal", margins.HELD, "delay")
     assert worst.parameters != {"cart_mass": 0.1, "half_length": 0.05}
     assert "fixed-nominal unstable on 1 of 4 plants" in margins.report(survey).headline
+    shown = margins._delays(survey)[1]["fixed-nominal"]
+    assert shown[0] == (0, "unstable") and all(grade > 0 for grade, _ in shown[1:])
 
 
 def test_the_command_writes_and_prints_the_margins(tmp_path, command_line) -> None:

@@ -62,6 +62,7 @@ def test_levels_that_a_scenario_cannot_have_are_not_tried_and_the_reader_is_told
     assert list(asked.names) == ["dry_friction.x", "combined"]  # which goes without
     assert "damping.x is written by the plant" in asked.left_out["damping of x"]
     assert "damping.x" not in robustness.hardware_at(robustness.COMBINED, 1.0, own.plant)
+    assert robustness.find_imperfection("input_limit", own.plant).harsh == 0.01  # of any unit
     with pytest.raises(InvalidValueError, match=r"^imperfections\.damping\.x is written by the pl"):
         afl.simulate_mujoco(replace(own, imperfections=Imperfections(damping=1.0)), "lqr")
     slow = replace(CALM, imperfections=Imperfections(delay=0.25))
