@@ -309,22 +309,42 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
     lambda name: load_plant(f"{name}:plant").parameters["p"].value,
     lambda name: load_plant(f"{name}.py:plant").parameters["p"].value,
 ], ids=["controller", "plant of a module", "plant of a file"])  # fmt: skip
-def test_files_that_were_edited_are_run_again_with_what_imports_them(tmp_path, monkeypatch, load):
-    """Edits are of one length, within a second, also of what the user had imported himself."""
+@pytest.mark.parametrize("before", [True, False], ids=["imported before", "new"])
+def test_files_that_were_edited_are_run_again_once_with_what_imports_them(
+    tmp_path, monkeypatch, load, before
+):
+    """Edits are of one length, within a second."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "ran", ran := [], raising=False)
+
+    def write(inner, own):
+        text = f"import again_own\nX = again_own.X + {inner}\ndef f(t, x, b): return X\n"
+        Path("again_inner.py").write_text(text)
+        Path("again_own.py").write_text(f"import sys\nX = {own}\nsys.ran.append(X)\n")
+
     text = "from dataclasses import replace\nfrom afl_mujoco import Parameter\n"
     text += "from again_inner import X, f\nfrom tests.plants.plants import PENDULUM\n"
     text += "plant = replace(PENDULUM, parameters={'p': Parameter(X)}, write=lambda p: {})\n"
-    (tmp_path / "again_outer.py").write_text(text)
-    for answer in (1.0, 2.0, 3.0):
-        text = f"import again_own\nX = again_own.X + {answer}\ndef f(t, x, b): return X\n"
-        (tmp_path / "again_inner.py").write_text(text)
-        for own in (10.0, 20.0):
-            (tmp_path / "again_own.py").write_text(f"X = {own}\n")
-            if answer == 1.0:
-                importlib.import_module("again_outer")
-            assert load("again_outer") == own + answer
+    Path("again_outer.py").write_text(text)
+    write(0.0, 90.0)
+    if before:
+        importlib.import_module("again_outer")
+    for inner, own in ((1.0, 10.0), (1.0, 20.0), (2.0, 20.0), (3.0, 30.0)):
+        write(inner, own)
+        assert [load("again_outer") for _ in range(2)] == [own + inner] * 2
+    assert ran == [90.0] * before + [10.0, 20.0, 30.0]
+    Path("again_own.py").write_text("X = 40.0\nX = 1 / 0\n")
+    for _ in range(2):
+        with pytest.raises(InvalidValueError, match="cannot be imported: ZeroDivisionError"):
+            load("again_outer")
+
+
+def test_a_module_may_name_its_own_controller_while_it_is_imported(module):
+    text = "import afl_mujoco as afl\ndef f(t, x, b): return 1.0\nRUNS = globals().get('RUNS', 0)"
+    module("named_within", f"{text} + 1\nFOUND = afl.find_controller('named_within:f')\n")
+    found = afl.find_controller("named_within:f")
+    assert found.command(0.0, STATE, ASSUMED) == 1.0 and sys.modules["named_within"].RUNS == 1
 
 
 def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, monkeypatch):
