@@ -26,6 +26,7 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
+from afl_mujoco.loading import renew
 from afl_mujoco.plants.cartpole import FALL_ANGLE
 from afl_mujoco.plants.plant import load_plant
 from afl_mujoco.simulation.metrics import metrics
@@ -345,6 +346,8 @@ def test_a_module_may_name_its_own_controller_while_it_is_imported(module):
     module("named_within", f"{text} + 1\nFOUND = afl.find_controller('named_within:f')\n")
     found = afl.find_controller("named_within:f")
     assert found.command(0.0, STATE, ASSUMED) == 1.0 and sys.modules["named_within"].RUNS == 1
+    renew(Path(afl.__file__).parent.parent, ["afl_mujoco"], known := {})
+    assert known == {"afl_mujoco": False}  # our own files are no user's, wherever they are
 
 
 def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, monkeypatch):
