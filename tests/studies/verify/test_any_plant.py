@@ -69,10 +69,9 @@ def test_the_order_of_the_hold_is_not_judged_where_a_coordinate_comes_round() ->
     assert result.passed and "B4f" not in {check.id for check in result.checks}
 
 
-@pytest.mark.parametrize("speed", [300.0, 1000.0])
-def test_codes_agree_on_what_turns_fast_and_differ_by_a_hair_in_its_bias(speed: float) -> None:
+def test_codes_agree_on_what_turns_fast_and_differ_by_a_hair_in_its_bias() -> None:
     """Round-off is a share of what a state reaches."""
-    start = {"shoulder": 0.05, "shoulder_dot": speed}
+    start = {"shoulder": 0.05, "shoulder_dot": 1000.0}
     wrong = with_terms(DOUBLE, lambda q, v, p, m, h, b: (m, (h[0] * (1 + 1e-7), h[1]), b))
     for plant, fails in ((DOUBLE, set()), (wrong, {"A5s", "B1r"})):
         scenario = scenario_of(plant, duration=0.3, initial_state=start)
