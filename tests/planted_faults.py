@@ -64,11 +64,12 @@ def load_faults() -> list[PlantedFault]:
 
 def checks_of(before: Mapping[str, str], copies, fault: PlantedFault):
     last = before.get(fault.name, "not run")
-    test, _, name = f"tests/{last}".partition("::")
+    test, _, name = last.partition("::")
+    places = [x for x in (f"tests/{test}", test) if (REPOSITORY / x).is_file()]
 
     def checks(root: Path):
-        if name and (REPOSITORY / test).is_file():
-            yield copies.tests(root, [f"{test}::{name}"])
+        if name and places:
+            yield copies.tests(root, [f"{places[0]}::{name}"])
         elif last not in ("", "not run"):
             yield copies.verdict(root, BRIEF)
             yield copies.verdict(root)

@@ -17,6 +17,11 @@ SMALL = genetic.GeneticSettings(population_size=40, generations=12)
 BOX = genetic.Box((-2.0, 5.0, 0.0), (2.0, 9.0, 0.5))
 
 
+@pytest.fixture
+def rng():
+    return np.random.default_rng(20260)
+
+
 @pytest.mark.parametrize(("chromosomes", "costs", "rhos", "expected"), [
     ([X_I, X_J, X_K], [-3.0, 7.0, 5.0], (0.5, 0.25, 0.75),
      [(0.5, 2.5), (2.75, -0.75), (-0.75, 4.75)]),
