@@ -17,8 +17,7 @@ from importlib import import_module
 from time import time
 from typing import TYPE_CHECKING
 
-STARTED = time()
-"""Files of the user's that are older were not edited since they were imported [s]."""
+STARTED = time()  # when the package was imported [s]
 
 if TYPE_CHECKING:
     from afl_mujoco.control.catalogue import CONTROLLERS, AFLController, find_controller

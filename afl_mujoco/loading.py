@@ -3,22 +3,25 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import importlib.util
 import os
 import signal
 import site
+import struct
 import sys
 import sysconfig
 import threading
 import time as clock
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
+from functools import cache
+from importlib.util import resolve_name
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import afl_mujoco
 from afl_mujoco.errors import AflMujocoError, InvalidValueError, meant, told
@@ -108,68 +111,90 @@ def look_in(folder: str | Path) -> None:
         sys.path.append(str(folder))
 
 
-_ran = WeakKeyDictionary[ModuleType, bytes]()
-"""What stood in the files of the user's modules when these were run."""
+_ran: dict[str, tuple[bytes, object]] = {}
+"""Of what was loaded by name or path: a digest of the user's files behind it, and its spec."""
+
+_loading = threading.RLock()
 
 
-def renew(folder: Path, names: Iterable[str], known: dict[str, bool]) -> bool:
-    """Run what imports would get of a folder again where a file changed; return whether one did.
+def files_behind(folder: Path, names: Iterable[str]) -> dict[str, Path]:
+    """Return the user's files that imports of some modules run, by the name of the module.
 
     Raises if an import would not get the file of the folder, but one of another folder's: a process
     has one module of a name. An installed one has it before any folder.
-
-    known: What was found of names before.
     """
-    for name in names:
-        if name not in known:
-            known[name] = False  # for imports in a circle
-            known[name] = _renewed(folder, name, known)
-    return any(known[name] for name in names)
+    found: dict[str, Path] = {}
+    waiting = [*names]
+    for name in waiting:  # which grows
+        file = None if name in found else _file_of(folder, name)
+        if file is None:
+            continue
+        if "." not in name or not _file_of(folder, name.rpartition(".")[0]):  # else of its package
+            if taken := of_another(file, name):
+                rule = f"must be of {file}: give one of the two another name"
+                raise InvalidValueError(f"import of {name}", rule, taken)
+        found[name] = file
+        if file.is_file():
+            waiting += imported_by(file.read_bytes(), name, file.name == "__init__.py")
+    return found
 
 
-def _renewed(folder: Path, name: str, known: dict[str, bool]) -> bool:
-    file = _file_of(folder, name)
-    if file is None:
+def text_of(files: Iterable[Path]) -> bytes:
+    """Return what stands in files, of one alone its bytes."""
+    return b"\0".join(x.read_bytes() if x.is_file() else b"is gone" for x in files)
+
+
+def _noted(key: str, text: bytes) -> None:
+    spec = getattr(sys.modules.get(key), "__spec__", None)
+    _ran[key] = hashlib.sha256(text).digest(), spec
+
+
+def _forget_edited(key: str, files: Mapping[str, Path]) -> None:
+    """Forget the modules of files if one changed since they ran, so that imports run all anew.
+
+    One that the user imported may have been, as `_is_edited` says.
+    """
+    loaded = {name: sys.modules[name] for name, file in files.items() if _is_of(name, file)}
+    digest, spec = _ran.get(key, (b"", key))
+    if spec is getattr(sys.modules.get(key), "__spec__", None):
+        edited = digest != hashlib.sha256(text_of(files.values())).digest()
+    else:
+        edited = any(_is_edited(module, files[name]) for name, module in loaded.items())
+    for name, module in loaded.items() if edited else ():
+        del sys.modules[name]
+        with suppress(OSError, TypeError, AttributeError):  # it knows no edits within a second
+            os.unlink(module.__cached__ or "")
+    importlib.invalidate_caches()
+
+
+def _is_edited(module: ModuleType, file: Path) -> bool:
+    """Return whether a file may have been edited since Python imported it.
+
+    It is not what Python compiled, by size and time, or, where it keeps nothing, newer than us.
+    """
+    if getattr(getattr(module, "__spec__", None), "_initializing", False):  # it is calling us
         return False
-    if "." not in name or not _file_of(folder, name.rpartition(".")[0]):  # else of its package
-        if taken := of_another(file, name):
-            rule = f"must be of {file}: give one of the two another name"
-            raise InvalidValueError(f"import of {name}", rule, taken)
-    below = renew(folder, imported_by(file), known)
-    module = sys.modules.get(name)
-    if module is None or not _is_of(module, file) or _is_under_way(module):
-        return False
-    if module not in _ran and file.stat().st_mtime < afl_mujoco.STARTED:
-        _ran[module] = file.read_bytes()  # whoever imported it
-    if below or _ran.get(module) != file.read_bytes():
-        run_in(module, file)
+    if not file.is_file():
         return True
-    return False
-
-
-def _noted(folder: Path, names: Iterable[str]) -> None:
-    """Note the files of a folder that have just been run."""
-    for name in names:
-        module, file = sys.modules.get(name), _file_of(folder, name)
-        if module and file and _is_of(module, file):
-            _ran.setdefault(module, file.read_bytes())
+    now = file.stat()
+    with suppress(OSError, AttributeError, struct.error):
+        flags, time, size = struct.unpack("<4xLLL", Path(str(module.__cached__)).read_bytes()[:16])
+        return not flags and (time, size) != (int(now.st_mtime) % 2**32, now.st_size % 2**32)
+    return now.st_mtime > afl_mujoco.STARTED
 
 
 def _file_of(folder: Path, name: str) -> Path | None:
-    """Return the user's file of a folder in which a module of a name would be."""
+    """Return the user's file of a folder in which a module of a name is, or was."""
     base = folder.joinpath(*name.split("."))
     both = (base / "__init__.py", base.with_name(f"{base.name}.py"))
-    found = (x for x in both if x.is_file() and not str(x).startswith(INSTALLED))
-    return next(found, None)
+    found = (x for x in both if x.is_file() or _is_of(name, x))
+    return next((x for x in found if not str(x).startswith(INSTALLED)), None)
 
 
-def _is_of(module: ModuleType, file: Path) -> bool:
-    return os.path.realpath(getattr(module, "__file__", None) or "") == os.path.realpath(file)
-
-
-def _is_under_way(module: ModuleType) -> bool:
-    """Return whether a module is being imported: it called us."""
-    return bool(getattr(module.__spec__, "_initializing", False))
+def _is_of(name: str, file: Path) -> bool:
+    """Return whether a module that was imported is that of a file."""
+    found = getattr(sys.modules.get(name), "__file__", None)
+    return found is not None and os.path.realpath(found) == os.path.realpath(file)
 
 
 def of_another(file: Path, name: str) -> str:
@@ -182,54 +207,52 @@ def of_another(file: Path, name: str) -> str:
     return ""
 
 
-def imported_by(file: Path) -> list[str]:
-    """Return the modules that a file imports anywhere, each after the packages that it is in."""
-    found = []
-    with suppress(SyntaxError), warnings.catch_warnings(action="ignore"):  # told by who runs it
-        for node in ast.walk(ast.parse(file.read_bytes(), str(file))):
+@cache
+def imported_by(text: bytes, name: str, package: bool) -> tuple[str, ...]:
+    """Return the modules that a source imports anywhere, each after the packages that it is in."""
+    found, here = [], name if package else name.rpartition(".")[0]
+    with suppress(SyntaxError, ValueError), warnings.catch_warnings(action="ignore"):  # told by who
+        for node in ast.walk(ast.parse(text)):  # runs it
             if isinstance(node, ast.Import):
                 found += [one.name for one in node.names]
-            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-                found += [f"{node.module}.{one.name}" for one in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                with suppress(ImportError):
+                    base = resolve_name("." * node.level + (node.module or ""), here)
+                    found += [f"{base}.{one.name}" for one in node.names]
     split = [name.split(".") for name in found]
-    return [".".join(parts[: n + 1]) for parts in split for n in range(len(parts))]
-
-
-def run_in(module: ModuleType, path: Path) -> None:
-    """Run a file as a module, whatever Python's cache has: it knows no half seconds."""
-    _ran[module] = text = path.read_bytes()
-    try:
-        exec(compile(text, str(path), "exec", dont_inherit=True), vars(module))
-    except BaseException:
-        _ran[module] = b""
-        raise
+    return tuple(".".join(parts[: n + 1]) for parts in split for n in range(len(parts)))
 
 
 ASIDE = "_aside_"
 """How the name of a module begins whose own name another file has."""
 
 
-def run_file(path: Path, name: str) -> ModuleType:
-    """Return the module of a file, executed anew, which imports from its folder."""
-    known = sys.modules.get(name)
-    if of_another(path, name) or (known and getattr(known, "__file__", None) != str(path)):
-        name = ASIDE + name
-    made = importlib.util.spec_from_file_location(name, path)
-    assert made is not None  # it ends in .py
-    sys.modules[name] = module = importlib.util.module_from_spec(made)
-    beside = dict[str, bool]()
-    try:
-        renew(path.parent, imported_by(path), beside)
-        run_in(module, path)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    _noted(path.parent, beside)
-    return module
+def run_file(path: Path, name: str) -> tuple[ModuleType, bytes]:
+    """Return the module of a file, executed anew, which imports from its folder.
+
+    With what stands in it and in the user's files behind it.
+    """
+    text = path.read_bytes()
+    with _loading:
+        beside = files_behind(path.parent, imported_by(text, name, False))
+        _forget_edited(str(path), beside)
+        known = sys.modules.get(name)
+        if of_another(path, name) or (known and getattr(known, "__file__", None) != str(path)):
+            name = ASIDE + name
+        made = importlib.util.spec_from_file_location(name, path)
+        assert made is not None  # it ends in .py
+        sys.modules[name] = module = importlib.util.module_from_spec(made)
+        try:
+            exec(compile(text, str(path), "exec", dont_inherit=True), vars(module))
+        except BaseException:
+            sys.modules.pop(name, None)
+            raise
+        _noted(str(path), behind := text_of(beside.values()))
+    return module, b"\0".join([text, behind]) if beside else text
 
 
 def home_of(name: str) -> Path:
-    """Return the folder from which an import gets a module, as another process did."""
+    """Return the folder from which an import gets a module."""
     with suppress(ValueError, ImportError):  # as `__main__` has no spec
         spec = importlib.util.find_spec(name.partition(".")[0])
         origin = Path((spec and spec.origin) or "")
@@ -238,25 +261,32 @@ def home_of(name: str) -> Path:
     return Path.cwd()
 
 
-def import_from(folder: Path, name: str, thing: str, *, own: bool = False) -> ModuleType:
+def import_from(
+    folder: Path, name: str, thing: str, *, own: bool = False
+) -> tuple[ModuleType, bytes]:
     """Return a module that is installed or in a folder, or raise in one line.
+
+    With what stands in the user's files behind it.
 
     own: Whether a file of the folder is run aside where another folder's has its name.
     """
     look_in(folder)
-    with importing(thing):
-        file, known = folder / f"{name}.py", dict[str, bool]()
+    with importing(thing), _loading:
+        file, top = folder / f"{name}.py", name.partition(".")[0]
         if own and file.is_file() and of_another(file, name):
             return run_file(file, name)
-        renew(folder, (name.partition(".")[0], name), known)
+        files = files_behind(folder if _file_of(folder, top) else home_of(name), (top, name))
+        _forget_edited(name, files)
+        text = text_of(files.values())
         try:
             module = importlib.import_module(name)
-            _noted(folder, known)
-            return module
         except ModuleNotFoundError as error:
-            if error.name not in (name, name.split(".")[0]):
+            if error.name not in (name, top):
                 rule = f"needs a module: {error}"
             else:
                 rule = f"must be in a module that is installed or in {folder}: {error}"
             missing: Any = InvalidValueError(thing, rule)
+        else:
+            _noted(name, text)
+            return module, text
     raise missing

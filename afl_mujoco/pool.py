@@ -7,6 +7,7 @@ import gc
 import io
 import logging
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -182,7 +183,8 @@ def open_processes(workers: int) -> Iterator[Executor]:
         for _ in range(MAX_DEATHS):
             try:
                 with interrupts_held():  # processes are started here
-                    futures = {pool.submit(function, unit): i for i, unit in left.items()}
+                    sent = {i: pickle.dumps((function, unit)) for i, unit in left.items()}
+                    futures = {pool.submit(_done, unit): i for i, unit in sent.items()}
                 for future in as_completed(futures):
                     index = futures.pop(future)
                     result = future.result()
@@ -206,6 +208,12 @@ def open_processes(workers: int) -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
     else:
         _idle[workers] = pool
+
+
+def _done(sent: bytes) -> Any:
+    """Return the result of a unit; what cannot be unpacked is its error, and kills no process."""
+    function, unit = pickle.loads(sent)
+    return function(unit)
 
 
 def _new_pool(workers: int) -> ProcessPoolExecutor:

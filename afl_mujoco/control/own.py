@@ -253,7 +253,7 @@ class PythonController(Controller):
     # After one that took longer, a process waits no more than `call_limit`
     first_call_limit: float = FIRST_CALL_LIMIT
     plant: Plant = CART_POLE  # what it controls
-    source: str | None = None  # hash of the file that defines it, as it was loaded
+    source: str | None = None  # hash of the file that defines it, and of those it imports by name
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
     not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"
@@ -397,8 +397,8 @@ def _seen(value: Any) -> str:
 
 def _restored(given: dict[str, Any]) -> PythonController:
     if given["spec"] is not None:
-        function = load_attribute(given["spec"])
-        if given["source"] not in (None, _source_hash(_defined(function))):
+        function, source = load_attribute(given["spec"])
+        if given["source"] not in (None, source):
             rule = "must not change while it runs, but its file or the working directory did"
             raise InvalidValueError(f"controller {given['spec']}", rule)
         given = {**given, "function": function}
@@ -429,8 +429,12 @@ def _source_hash(function: object) -> str | None:
     with contextlib.suppress(TypeError, OSError):
         file = inspect.getsourcefile(function)  # type: ignore[arg-type]
         if file is not None:
-            return hashlib.blake2b(Path(file).read_bytes(), digest_size=16).hexdigest()
+            return _hash(Path(file).read_bytes())
     return None
+
+
+def _hash(text: bytes) -> str:
+    return hashlib.blake2b(text, digest_size=16).hexdigest()
 
 
 def load_python_controller(spec: str) -> PythonController:
@@ -438,24 +442,26 @@ def load_python_controller(spec: str) -> PythonController:
     place, _, attribute = spec.partition(":")
     spec = f"{_module_of(place) or place}:{attribute}"
     name = spec.replace(":", ".")
-    return PythonController(name=name, function=load_attribute(spec), spec=spec)
+    function, source = load_attribute(spec)
+    return PythonController(name=name, function=function, spec=spec, source=source)
 
 
-def load_attribute(spec: str) -> Any:
-    """Return the function, class, factory or instance that a module defines."""
+def load_attribute(spec: str) -> tuple[Any, str | None]:
+    """Return what a module defines, and the hash of the files that were run for it."""
     thing = f"controller {spec!r}"
     module_name, _, function_name = spec.partition(":")
     parts = (*module_name.split("."), *function_name.split("."))
     if not all(part.isidentifier() for part in parts):
         rule = "must be module:attribute, or FILE.py:NAME below this folder"
         raise InvalidValueError(thing, rule)
-    found: Any = import_from(Path.cwd(), module_name, thing, own=True)
+    found: Any
+    found, text = import_from(Path.cwd(), module_name, thing, own=True)
     for part in function_name.split("."):
         if not hasattr(found, part):
             file = getattr(found, "__file__", None) or module_name
             raise InvalidValueError(thing, f"must be defined in {file}, which has no {part!r}")
         found = getattr(found, part)
-    return found
+    return found, _hash(text) if text else _source_hash(_defined(found))
 
 
 def _module_of(path: str) -> str:

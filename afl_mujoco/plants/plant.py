@@ -570,13 +570,13 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         rule = "must be FILE.py:NAME or MODULE:NAME"
         hint = f"; did you mean {spec}:plant?" if spec.endswith(".py") else ""
         raise InvalidValueError("plant", rule, f"{spec!r}{hint}")
-    here, origin, text = folder or Path.cwd(), spec, ""
+    here, origin = folder or Path.cwd(), spec
     if place.endswith(".py"):
         file = (here / Path(place).expanduser()).absolute()
         origin = f"{file}:{attribute}"
         module, text = _run_file(file)
     else:
-        module = import_from(here, place, f"plant {spec!r}")
+        module, text = import_from(here, place, f"plant {spec!r}")
     found = getattr(module, attribute, None)
     if found is None:
         plants = [name for name, one in vars(module).items() if isinstance(one, Plant)]
@@ -585,16 +585,16 @@ def load_plant(spec: str, folder: Path | None = None) -> Plant:
         raise UnknownNameError.among("plant", attribute, plants).within(f"{place}: ")
     if not isinstance(found, Plant):
         raise InvalidValueError(f"plant {spec!r}", "must be an afl.Plant", told(found, repr))
-    return found if found.origin else known_as(found, origin, text)
+    digest = hashlib.sha256(text).hexdigest() if text else ""
+    return found if found.origin else known_as(found, origin, digest)
 
 
-def _run_file(path: Path) -> tuple[ModuleType, str]:
-    """Return the module of a file, executed anew, and the digest of its text."""
+def _run_file(path: Path) -> tuple[ModuleType, bytes]:
+    """Return the module of a file, executed anew, and the text of it and what it imports."""
     if not path.is_file():
         raise FileError.none_at(path)
     path = path.resolve()
     look_in(path.parent)  # for what it imports from beside it
     name = path.stem if path.stem.isidentifier() else "plant"
-    text = hashlib.sha256(path.read_bytes()).hexdigest()
     with importing(str(path)):
-        return run_file(path, name), text
+        return run_file(path, name)

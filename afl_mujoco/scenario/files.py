@@ -16,7 +16,7 @@ from afl_mujoco.plants.cartpole import CART_POLE
 from afl_mujoco.plants.plant import Parameter, Plant, known_as, load_plant
 from afl_mujoco.scenario.catalogue import LABORATORY, SCENARIOS
 from afl_mujoco.scenario.imperfections import Imperfections
-from afl_mujoco.scenario.parameters import COORDINATES, LARGEST_STATE, STATE
+from afl_mujoco.scenario.parameters import COORDINATES, STATE
 from afl_mujoco.scenario.ranges import ranges_to_table
 from afl_mujoco.scenario.requirements import Requirements
 from afl_mujoco.scenario.scenario import Scenario
@@ -230,8 +230,9 @@ def _plant_to_table(plant: Plant) -> dict[str, Any]:
     found = {name: getattr(plant, name) for name in ("name", "origin", "upright", "start")}
     found |= {name: [*getattr(plant, name)] for name in ("coordinates", "inputs", "wraps")}
     nominal = {name: one.value for name, one in plant.parameters.items()}
-    bounds = {name: [one.low, one.high] for name, one in plant.parameters.items()}
-    found |= {"parameters": nominal, "bounds": bounds, "units": dict(plant.units)}
+    for end in ("low", "high"):
+        found[end] = {name: getattr(one, end) for name, one in plant.parameters.items()}
+    found |= {"parameters": nominal, "units": dict(plant.units)}
     found |= {"signals": [*plant.signals], "ends_at": dict(plant.ends_at)}
     return {name: value for name, value in found.items() if value not in (None, "", [], {})}
 
@@ -246,10 +247,9 @@ def _plant(given: Any, folder: Path | None) -> Plant:
         raise InvalidValueError("plant", 'must be "FILE.py:NAME"', shortened(given))
     table = dict(require_table("plant", given))
     units, origin = dict(table.pop("units", {})), str(table.pop("origin", ""))
-    bounds = dict(table.pop("bounds", {}))
-    every = (-LARGEST_STATE, LARGEST_STATE)  # of an older result
-    values = {
-        name: Parameter(x, units.get(name, ""), *bounds.get(name, every))
+    low, high = (require_table(f"plant: {end}", table.pop(end, {})) for end in ("low", "high"))
+    values = {  # an older result says nothing of bounds
+        name: Parameter(x, units.get(name, ""), low.get(name, -1e300), high.get(name, 1e300))
         for name, x in given.get("parameters", {}).items()
     }
     names = dict.fromkeys(table.get("signals", ()), float)

@@ -7,7 +7,6 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,6 @@ WRITTEN = {"damping": "damping", "dry_friction": "frictionloss", "armature": "ar
 """Imperfections that a plant may write itself, and the field of a joint that each is."""
 
 
-@cache
 def written(plant: Plant) -> tuple[str, ...]:
     """Return the paths of imperfections that a plant has of its parameters instead."""
     targets = {str(one) for one in plant_model(plant).targets}

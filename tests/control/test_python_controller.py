@@ -26,9 +26,10 @@ from afl_mujoco.cli.main import main
 from afl_mujoco.control import controller as controllers
 from afl_mujoco.control.own import ControllerError, PythonController
 from afl_mujoco.errors import InvalidValueError
-from afl_mujoco.loading import renew
+from afl_mujoco.loading import files_behind
 from afl_mujoco.plants.cartpole import FALL_ANGLE
 from afl_mujoco.plants.plant import load_plant
+from afl_mujoco.pool import open_processes
 from afl_mujoco.simulation.metrics import metrics
 from afl_mujoco.simulation.ode_fixed_step import Holds
 from tests import program
@@ -314,7 +315,7 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
 def test_files_that_were_edited_are_run_again_once_with_what_imports_them(
     tmp_path, monkeypatch, load, before
 ):
-    """Edits are of one length, within a second."""
+    """Edits are of one length, within a second, but of what the user imported."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "ran", ran := [], raising=False)
@@ -328,17 +329,38 @@ def test_files_that_were_edited_are_run_again_once_with_what_imports_them(
     text += "from again_inner import X, f\nfrom tests.plants.plants import PENDULUM\n"
     text += "plant = replace(PENDULUM, parameters={'p': Parameter(X)}, write=lambda p: {})\n"
     Path("again_outer.py").write_text(text)
-    write(0.0, 90.0)
+    write(0.0, 90.125)
     if before:
         importlib.import_module("again_outer")
     for inner, own in ((1.0, 10.0), (1.0, 20.0), (2.0, 20.0), (3.0, 30.0)):
         write(inner, own)
         assert [load("again_outer") for _ in range(2)] == [own + inner] * 2
-    assert ran == [90.0] * before + [10.0, 20.0, 30.0]
+    assert ran == [90.125] * before + [10.0, 20.0, 20.0, 30.0]
     Path("again_own.py").write_text("X = 40.0\nX = 1 / 0\n")
     for _ in range(2):
         with pytest.raises(InvalidValueError, match="cannot be imported: ZeroDivisionError"):
             load("again_outer")
+
+
+def test_an_edit_reaches_every_controller_that_imports_it_and_no_worker(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inner = tmp_path / "edited_within" / "inner.py"
+    inner.parent.mkdir()
+    for name in ("one", "two"):
+        text = "from .inner import K\ndef f(t, x, b): return K\n"
+        (inner.parent / f"{name}.py").write_text(text)
+    (inner.parent / "__init__.py").touch()
+    for k in (1.0, 2.0, 3.0):
+        inner.write_text(f"K = {k}\n")
+        both = [afl.find_controller(f"edited_within.{name}:f") for name in ("one", "two")]
+        assert [one.command(0.0, STATE, ASSUMED) for one in both] == [k, k]
+    inner.write_text("K = 4.0\n")
+    with pytest.raises(InvalidValueError, match="must not change while it runs"):
+        with open_processes(1) as compute:  # refused by the worker, which lives on
+            list(compute(repr, both))
+    inner.unlink()
+    with pytest.raises(InvalidValueError, match="needs a module: No module named 'edited_within"):
+        afl.find_controller("edited_within.one:f")
 
 
 def test_a_module_may_name_its_own_controller_while_it_is_imported(module):
@@ -346,8 +368,7 @@ def test_a_module_may_name_its_own_controller_while_it_is_imported(module):
     module("named_within", f"{text} + 1\nFOUND = afl.find_controller('named_within:f')\n")
     found = afl.find_controller("named_within:f")
     assert found.command(0.0, STATE, ASSUMED) == 1.0 and sys.modules["named_within"].RUNS == 1
-    renew(Path(afl.__file__).parent.parent, ["afl_mujoco"], known := {})
-    assert known == {"afl_mujoco": False}  # our own files are no user's, wherever they are
+    assert files_behind(Path(afl.__file__).parent.parent, ["afl_mujoco"]) == {}  # no user's
 
 
 def test_a_file_is_that_of_the_working_directory_also_after_another(tmp_path, monkeypatch):

@@ -139,7 +139,7 @@ def judge(case: Case) -> Judged:
             rule = f"must stay where equations hold, but {words}, at {first:.3g} s"
             raise InvalidValueError(f"the run of {controller.name} on {scenario.name}", rule)
         runs = {"ode": simulate_ode(ideal, loop, sample_period=h), **runs}
-        values["A5s"] = one_step_difference(ideal, sampled, _sizes(sampled))
+        values["A5s"] = one_step_difference(ideal, sampled, _sizes(sampled)[1:])
         values["B1r"] = restarted_difference(ideal, loop, exact, h)
         growth = growth_of(ideal, loop, runs["ode"], exact, h)
     part = studied(ideal)
@@ -182,9 +182,9 @@ def _comes_round(run: Trajectory) -> bool:
 
 
 def _sizes(run: Trajectory) -> Floats:
-    """Return by what differences are divided: round-off is a share of what a state reaches."""
-    largest: Floats = np.abs(run.state).max(axis=0)
-    return np.maximum(1.0, largest)
+    """Return by what differences are divided: round-off is a share of what states have reached."""
+    reached: Floats = np.maximum.accumulate(np.abs(run.state))
+    return np.maximum(1.0, reached)
 
 
 def _distance(one: Floats, other: Floats) -> float:
@@ -242,8 +242,9 @@ def restarted_difference(
     states, outcome = integrate(scenario, restarting, loop.arrive, times, nodes=nodes)
     if outcome.kind != exact.outcome.kind:
         return math.inf
-    sizes = _sizes(exact)
-    return _distance(states / sizes, exact.state / sizes)
+    count = min(len(states), len(exact.state))
+    sizes = _sizes(exact)[:count]
+    return _distance(states[:count] / sizes, exact.state[:count] / sizes)
 
 
 def require_comparable(scenario: Scenario) -> None:
