@@ -312,10 +312,12 @@ def test_a_controller_is_found_by_module_and_function_in_the_working_directory(m
     lambda name: load_plant(f"{name}.py:plant").parameters["p"].value,
 ], ids=["controller", "plant of a module", "plant of a file"])  # fmt: skip
 @pytest.mark.parametrize("before", [True, False], ids=["imported before", "new"])
+@pytest.mark.parametrize("kept", [True, False], ids=["with bytecode", "without"])
 def test_files_that_were_edited_are_run_again_once_with_what_imports_them(
-    tmp_path, monkeypatch, load, before
+    tmp_path, monkeypatch, load, before, kept
 ):
     """Edits are of one length, within a second, but of what the user imported."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", not kept)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(sys, "ran", ran := [], raising=False)
@@ -352,6 +354,7 @@ def test_an_edit_reaches_every_controller_that_imports_it_and_no_worker(tmp_path
     (inner.parent / "__init__.py").touch()
     for k in (1.0, 2.0, 3.0):
         inner.write_text(f"K = {k}\n")
+        monkeypatch.chdir(tmp_path if k == 1.0 else "/")
         both = [afl.find_controller(f"edited_within.{name}:f") for name in ("one", "two")]
         assert [one.command(0.0, STATE, ASSUMED) for one in both] == [k, k]
     inner.write_text("K = 4.0\n")
