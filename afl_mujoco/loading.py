@@ -211,8 +211,9 @@ def of_another(file: Path, name: str) -> str:
 def imported_by(text: bytes, name: str, package: bool) -> tuple[str, ...]:
     """Return the modules that a source imports anywhere, each after the packages that it is in."""
     found, here = [], name if package else name.rpartition(".")[0]
-    with suppress(SyntaxError, ValueError), warnings.catch_warnings(action="ignore"):  # told by who
-        for node in ast.walk(ast.parse(text)):  # runs it
+    # whoever runs it tells what is wrong with it
+    with suppress(SyntaxError, ValueError), warnings.catch_warnings(action="ignore"):
+        for node in ast.walk(ast.parse(text)):
             if isinstance(node, ast.Import):
                 found += [one.name for one in node.names]
             elif isinstance(node, ast.ImportFrom):

@@ -253,7 +253,7 @@ class PythonController(Controller):
     # After one that took longer, a process waits no more than `call_limit`
     first_call_limit: float = FIRST_CALL_LIMIT
     plant: Plant = CART_POLE  # what it controls
-    source: str | None = None  # hash of the file that defines it, and of those it imports by name
+    source: str | None = None  # hash of the user's files behind it, as they were loaded
     called: bool = field(default=False, init=False, repr=False, compare=False)
     interpreted: ClassVar[bool] = True
     not_compiled: ClassVar[str] = "is written in Python, which this simulator does not run"

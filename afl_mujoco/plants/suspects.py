@@ -88,7 +88,7 @@ def _inertial(thing: str, c: float) -> Said:
 def _amount(thing: str, has: Floats, c: float) -> Said:
     if np.ptp(has) > 0.0:  # a parameter
         return 2, f"{thing} is {abs(c):.6g} {'more' if c > 0 else 'less'} in the equations"
-    here = has[0] + c if abs(has[0] + c) > 1e-6 * abs(c) else 0.0
+    here = has[0] + c if abs(has[0] + c) > 1e-9 * abs(c) else 0.0
     if here < 0.0 and thing.startswith("armature"):
         return NOTHING
     return 2 * (here != 0.0), f"{thing} is {here:.6g} in the equations and {has[0]:g} in MuJoCo"

@@ -14,6 +14,7 @@ from afl_mujoco.scenario.imperfections import IDEAL, IMPERFECTIONS, Imperfection
 from afl_mujoco.scenario.sample_space import draws_of
 from afl_mujoco.simulation.judgement import CONTROLLER_FAILED
 from afl_mujoco.studies.shared import robustness
+from afl_mujoco.studies.shared.loop_margins import linearize
 from afl_mujoco.studies.shared.run import run_all
 from afl_mujoco.studies.thresholds import Request, report, run
 from tests.plants.plants import cart
@@ -63,8 +64,10 @@ def test_levels_that_a_scenario_cannot_have_are_not_tried_and_the_reader_is_told
     assert "damping.x is written by the plant" in asked.left_out["damping of x"]
     assert "damping.x" not in robustness.hardware_at(robustness.COMBINED, 1.0, own.plant)
     assert robustness.find_imperfection("input_limit", own.plant).harsh == 0.01  # of any unit
-    with pytest.raises(InvalidValueError, match=r"^imperfections\.damping\.x is written by the pl"):
-        afl.simulate_mujoco(replace(own, imperfections=Imperfections(damping=1.0)), "lqr")
+    damped = replace(own, imperfections=Imperfections(damping=1.0))
+    for use in (lambda: afl.simulate_mujoco(damped, "lqr"), lambda: linearize(LQR, damped)):
+        with pytest.raises(InvalidValueError, match=r"^imperfections\.damping\.x is written by"):
+            use()
     slow = replace(CALM, imperfections=Imperfections(delay=0.25))
     asked = Request([LQR], (slow,), SETTINGS, ("delay", "noise")).require()
     assert list(asked.names) == ["noise"]

@@ -24,6 +24,7 @@ from afl_mujoco.plants.features import without_dry_friction
 from afl_mujoco.scenario.imperfections import IDEAL, Imperfections
 from afl_mujoco.scenario.scenario import Scenario
 from afl_mujoco.scenario.time_steps import SNAP
+from afl_mujoco.simulation.judgement import require_start
 from afl_mujoco.simulation.mujoco_model import SimulatedModel
 from afl_mujoco.values import require_positive
 
@@ -99,6 +100,7 @@ def linear_part(imperfections: Imperfections) -> Imperfections:
 
 def linearize(controller: Controller, scenario: Scenario) -> Loop:
     """Return the loop at rest, with passive physics and lags; `loop_margins` handles the rest."""
+    require_start(scenario)
     plant, r = scenario.plant, linear_part(scenario.imperfections)
     model = SimulatedModel(plant, imperfections=r, edit=without_dry_friction)
     model.write(scenario.values_at(0.0))
