@@ -35,4 +35,5 @@ def interrupt(*arguments, cwd: Path, once, after=0.0, command=COMMAND, name="afl
     time.sleep(after)
     os.killpg(process.pid, signal.SIGINT)
     output, errors = process.communicate(timeout=60)
-    assert (process.returncode, output, errors) == (130, "", f"{name}: interrupted\n")
+    ended = (process.returncode, output, errors)
+    assert ended == (130, "", f"{name}: interrupted\n"), ended
