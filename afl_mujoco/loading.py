@@ -18,7 +18,7 @@ import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import chdir, contextmanager, suppress
 from functools import cache
-from importlib.util import resolve_name
+from importlib.util import cache_from_source, resolve_name
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -117,13 +117,13 @@ _ran: dict[str, tuple[bytes, object]] = {}
 _loading = threading.RLock()
 
 
-def files_behind(folder: Path, names: Iterable[str]) -> dict[str, Path]:
-    """Return the user's files that imports of some modules run, by the name of the module.
+def files_behind(folder: Path, names: Iterable[str]) -> dict[str, tuple[Path, bytes]]:
+    """Return the user's files that imports of some modules run, and their texts, by module.
 
     Raises if an import would not get the file of the folder, but one of another folder's: a process
     has one module of a name. An installed one has it before any folder.
     """
-    found: dict[str, Path] = {}
+    found: dict[str, tuple[Path, bytes]] = {}
     waiting = [*names]
     for name in waiting:  # which grows
         file = None if name in found else _file_of(folder, name)
@@ -133,15 +133,14 @@ def files_behind(folder: Path, names: Iterable[str]) -> dict[str, Path]:
             if taken := of_another(file, name):
                 rule = f"must be of {file}: give one of the two another name"
                 raise InvalidValueError(f"import of {name}", rule, taken)
-        found[name] = file
-        if file.is_file():
-            waiting += imported_by(file.read_bytes(), name, file.name == "__init__.py")
+        text = file.read_bytes() if file.is_file() else b"# is gone"
+        found[name] = file, text
+        waiting += imported_by(text, name, file.name == "__init__.py")
     return found
 
 
-def text_of(files: Iterable[Path]) -> bytes:
-    """Return what stands in files, of one alone its bytes."""
-    return b"\0".join(x.read_bytes() if x.is_file() else b"is gone" for x in files)
+def _joined(files: Mapping[str, tuple[Path, bytes]]) -> bytes:
+    return b"\0".join(text for _, text in files.values())
 
 
 def _noted(key: str, text: bytes) -> None:
@@ -149,22 +148,23 @@ def _noted(key: str, text: bytes) -> None:
     _ran[key] = hashlib.sha256(text).digest(), spec
 
 
-def _forget_edited(key: str, files: Mapping[str, Path]) -> None:
+def _forget_edited(key: str, files: Mapping[str, tuple[Path, bytes]]) -> None:
     """Forget the modules of files if one changed since they ran, so that imports run all anew.
 
     One that the user imported may have been, as `_is_edited` says.
     """
-    loaded = {name: sys.modules[name] for name, file in files.items() if _is_of(name, file)}
+    ours = {name: file for name, (file, _) in files.items() if _is_of(name, file)}
     digest, spec = _ran.get(key, (b"", key))
     if spec is getattr(sys.modules.get(key), "__spec__", None):
-        edited = digest != hashlib.sha256(text_of(files.values())).digest()
+        edited = digest != hashlib.sha256(_joined(files)).digest()
     else:
-        edited = any(_is_edited(module, files[name]) for name, module in loaded.items())
-    for name, module in loaded.items() if edited else ():
-        del sys.modules[name]
-        with suppress(OSError, TypeError, AttributeError):  # it knows no edits within a second
-            os.unlink(module.__cached__ or "")
-    importlib.invalidate_caches()
+        edited = any(_is_edited(sys.modules[name], file) for name, file in ours.items())
+    if edited:
+        for name, file in ours.items():
+            del sys.modules[name]
+            with suppress(OSError):  # of Python's, which knows no edits within a second
+                os.unlink(cache_from_source(file))
+        importlib.invalidate_caches()
 
 
 def _is_edited(module: ModuleType, file: Path) -> bool:
@@ -177,8 +177,8 @@ def _is_edited(module: ModuleType, file: Path) -> bool:
     if not file.is_file():
         return True
     now = file.stat()
-    with suppress(OSError, AttributeError, struct.error):
-        flags, time, size = struct.unpack("<4xLLL", Path(str(module.__cached__)).read_bytes()[:16])
+    with suppress(OSError, struct.error):
+        flags, time, size = struct.unpack("<4xLLL", Path(cache_from_source(file)).read_bytes()[:16])
         return not flags and (time, size) != (int(now.st_mtime) % 2**32, now.st_size % 2**32)
     return now.st_mtime > afl_mujoco.STARTED
 
@@ -229,9 +229,9 @@ ASIDE = "_aside_"
 
 
 def run_file(path: Path, name: str) -> tuple[ModuleType, bytes]:
-    """Return the module of a file, executed anew, which imports from its folder.
+    """Return the module of a file, executed anew, and the texts of it and of the files behind it.
 
-    With what stands in it and in the user's files behind it.
+    It imports from its folder.
     """
     text = path.read_bytes()
     with _loading:
@@ -248,7 +248,7 @@ def run_file(path: Path, name: str) -> tuple[ModuleType, bytes]:
         except BaseException:
             sys.modules.pop(name, None)
             raise
-        _noted(str(path), behind := text_of(beside.values()))
+        _noted(str(path), behind := _joined(beside))
     return module, b"\0".join([text, behind]) if beside else text
 
 
@@ -265,9 +265,7 @@ def home_of(name: str) -> Path:
 def import_from(
     folder: Path, name: str, thing: str, *, own: bool = False
 ) -> tuple[ModuleType, bytes]:
-    """Return a module that is installed or in a folder, or raise in one line.
-
-    With what stands in the user's files behind it.
+    """Return a module, installed or in a folder, and the texts of the user's files behind it.
 
     own: Whether a file of the folder is run aside where another folder's has its name.
     """
@@ -278,7 +276,6 @@ def import_from(
             return run_file(file, name)
         files = files_behind(folder if _file_of(folder, top) else home_of(name), (top, name))
         _forget_edited(name, files)
-        text = text_of(files.values())
         try:
             module = importlib.import_module(name)
         except ModuleNotFoundError as error:
@@ -288,6 +285,6 @@ def import_from(
                 rule = f"must be in a module that is installed or in {folder}: {error}"
             missing: Any = InvalidValueError(thing, rule)
         else:
-            _noted(name, text)
+            _noted(name, text := _joined(files))
             return module, text
     raise missing

@@ -187,12 +187,6 @@ def _sizes(run: Trajectory) -> Floats:
     return np.maximum(1.0, reached)
 
 
-def _distance(one: Floats, other: Floats) -> float:
-    """Return the largest difference of any state at the instants that both runs reached."""
-    count = min(len(one), len(other))
-    return float(np.abs(one[:count] - other[:count]).max())
-
-
 def growth_of(
     scenario: Scenario, controller: Controller, ode: Trajectory, exact: Trajectory, period: float
 ) -> Growth:
@@ -203,7 +197,7 @@ def growth_of(
 
     def apart(run: Trajectory) -> float | None:
         alike = run.outcome.kind == exact.outcome.kind and len(run.time) == len(exact.time)
-        return _distance(run.state, exact.state) if alike else None
+        return float(np.abs(run.state - exact.state).max()) if alike else None
 
     grown = apart(nudged)
     return Growth(
@@ -243,8 +237,8 @@ def restarted_difference(
     if outcome.kind != exact.outcome.kind:
         return math.inf
     count = min(len(states), len(exact.state))
-    sizes = _sizes(exact)[:count]
-    return _distance(states[:count] / sizes, exact.state[:count] / sizes)
+    gaps = np.abs(states[:count] - exact.state[:count]) / _sizes(exact)[:count]
+    return float(gaps.max())
 
 
 def require_comparable(scenario: Scenario) -> None:
