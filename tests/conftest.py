@@ -112,6 +112,19 @@ def refuses(command_line, tmp_path, monkeypatch):
     return check
 
 
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Writes a module into the working directory, a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [p for p in sys.path if p != str(tmp_path)])
+
+    def write(name, text):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+        (tmp_path / f"{name}.py").write_text(text)
+
+    return write
+
+
 @pytest.fixture(autouse=True)
 def controller_files_are_forgotten(tmp_path_factory):
     """A controller file of one test is not the one that the next test means by the same name."""

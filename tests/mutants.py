@@ -75,7 +75,8 @@ studies/test_robustness simulation/test_graphics""".split()
 """Tests that take longest; they run last."""
 
 FOLDERS = """control films identification plants report scenario simulation studies
-docs/test_content.py test_properties.py test_own_rig.py test_right_answers.py""".split()
+test_loading.py docs/test_content.py test_properties.py test_own_rig.py
+test_right_answers.py""".split()
 """Tests of what is computed."""
 
 QUICK = ("-m", "not slow")
